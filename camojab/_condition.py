@@ -1,0 +1,68 @@
+"""Everything but the texture that one evaluation of the model depends on."""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ._csf import log_sensitivity
+from ._display import Components, Display, Shading, Viewing
+from ._filters import log_lorentzian
+from ._parameters import Parameters
+
+
+class Condition(eqx.Module):
+    """One evaluation of the model, or many: one array a field."""
+
+    display: Display
+    viewing: Viewing
+    shading: Shading
+    components: Components
+    parameters: Parameters
+
+
+def flattened(condition: Condition, dtype) -> tuple[tuple[int, ...], Condition]:
+    """The conditions' common shape, and every field as one axis of that length."""
+    leaves, structure = jax.tree.flatten(condition)
+    try:
+        shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
+    except ValueError as error:
+        shapes = sorted({leaf.shape for leaf in leaves if leaf.ndim})
+        raise ValueError(
+            f"the shapes of the conditions must broadcast together, got {shapes}."
+        ) from error
+    leaves = [
+        jnp.broadcast_to(leaf, shape)
+        .reshape(math.prod(shape))
+        .astype(bool if leaf.dtype == bool else dtype)
+        for leaf in leaves
+    ]
+    return shape, jax.tree.unflatten(structure, leaves)
+
+
+def log_eye_blur(rho: Float[Array, " n"], c: Condition) -> Float[Array, " n"]:
+    """Log transfer of hold-type and pursuit blur along the motion (Eq. 14 to 18)."""
+    velocity, persistence = c.viewing.velocity, c.display.persistence
+    hold = persistence * velocity / c.display.refresh_rate
+    pursuit = persistence * (c.parameters.ca * velocity + c.parameters.cb)
+    log_transfer = log_lorentzian(rho, hold) + log_lorentzian(rho, pursuit)
+    return jnp.where(c.components.eye_blur, log_transfer, 0)
+
+
+def sensitivity_power(
+    rho: Float[Array, "*n"],
+    temporal_frequency: Float[Array, ""],
+    at_zero: float,
+    c: Condition,
+) -> Float[Array, "*n"]:
+    """`sensitivity ** beta`, with the given value at spatial frequency 0."""
+    some = rho > 0
+    log = log_sensitivity(
+        jnp.where(some, rho, 1),
+        jnp.broadcast_to(temporal_frequency, rho.shape),
+        jnp.broadcast_to(c.display.luminance, rho.shape),
+    )
+    return jnp.where(some, jnp.exp(c.parameters.beta * log), at_zero)

@@ -1,0 +1,126 @@
+"""The paper's formulation: Eq. 3 to 23 as printed, of continuous functions.
+
+Integrals run over the quadrant [0, Nyquist]^2 of the bins 0..256, with weights that
+follow the crop and the replica continuously.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ._condition import Condition, log_eye_blur, sensitivity_power
+from ._display import Shading
+from ._filters import lorentzian
+from ._math import safe_hypot, safe_power
+from ._sampling import below, comb, HALF
+from ._spectrum import SIZE
+
+
+_K = np.arange(-HALF, HALF)
+
+
+class PaperPool(eqx.Module):
+    """Energies of one texture, mip level, rate and exponent, per bin. [1].
+
+    - `lost`: what the reference has more than the shaded spectrum.
+    - `kept`: the shaded spectrum's.
+    - `rate_x`, `rate_y`: the shading resolution that crops them.
+    """
+
+    lost: Float[Array, "257 257"]
+    kept: Float[Array, "257 257"]
+    rate_x: Float[Array, ""]
+    rate_y: Float[Array, ""]
+
+
+def shade(
+    amplitude: Float[Array, "512 512"], shading: Shading
+) -> Float[Array, "257 257"]:
+    """Eq. 4 to 12. Both images map a texel to a pixel, as Eq. 20 has it."""
+    k = jnp.asarray(_K, amplitude.dtype) / SIZE
+    width = 2.0**shading.mip_level / jnp.minimum(shading.rate_x, shading.rate_y)
+    mip = lorentzian(k, width)
+    filtered = amplitude * mip[None, :] * mip[:, None]
+    return sample(filtered, shading.rate_x, shading.rate_y, impulses=2)
+
+
+def sample(
+    amplitude: Float[Array, "512 512"],
+    rate_x: Float[Array, ""],
+    rate_y: Float[Array, ""],
+    *,
+    impulses: int,
+) -> Float[Array, "257 257"]:
+    """The spectrum convolved with the comb on both axes."""
+    # Bin 256 is bin -256 again; with it the two sides are alike.
+    whole = jnp.pad(amplitude, ((0, 1), (0, 1)), mode="wrap")
+    along, across = comb(rate_x, impulses), comb(rate_y, impulses)
+    exact = jax.lax.Precision.HIGHEST
+    rows = jnp.matmul(across, whole, precision=exact)
+    return jnp.matmul(rows, along.T, precision=exact)
+
+
+def pool(
+    amplitude: Float[Array, "512 512"],
+    shading: Shading,
+    vrs: Bool[Array, ""],
+    beta: Float[Array, ""],
+) -> PaperPool:
+    """Pool the energies of a texture at one mip level, rate and exponent."""
+    one = jnp.ones((), amplitude.dtype)
+    reference = sample(amplitude, one, one, impulses=0)
+    shaded = jnp.where(vrs, shade(amplitude, shading), reference)
+    rate_x = jnp.where(vrs, shading.rate_x, one)
+    rate_y = jnp.where(vrs, shading.rate_y, one)
+    kept = safe_power(shaded, beta)
+    full = safe_power(reference, beta) * _from_zero(one, one)
+    return PaperPool(full - kept * _from_zero(rate_x, rate_y), kept, rate_x, rate_y)
+
+
+def evaluate(p: PaperPool, c: Condition) -> tuple[Float[Array, ""], Array]:
+    """E_s and E_t, integrals over frequency. [(cycles/deg)^2]."""
+    dtype = p.lost.dtype
+    step = c.display.ppd / SIZE
+    rho = jnp.arange(HALF + 1, dtype=dtype) * step
+    blurred = -jnp.expm1(c.parameters.beta * log_eye_blur(rho, c))
+    energy = p.lost + p.kept * blurred[None, :] * _from_zero(p.rate_x, p.rate_y)
+    still = sensitivity_power(
+        safe_hypot(rho[None, :], rho[:, None]), jnp.zeros((), dtype), 0.0, c
+    )
+    spatial = step**2 * jnp.sum(energy * still)
+
+    radius, inside = replica(rho, step, p.rate_x, p.rate_y, c)
+    flicker = sensitivity_power(radius, c.display.refresh_rate, 0.0, c)
+    temporal = step**2 * jnp.sum(p.kept * flicker * inside)
+    return spatial, jnp.where(c.components.judder, temporal, 0)
+
+
+def replica(
+    rho: Float[Array, "257"],
+    step: Float[Array, ""],
+    rate_x: Float[Array, ""],
+    rate_y: Float[Array, ""],
+    c: Condition,
+) -> tuple[Float[Array, "257 257"], Float[Array, "257 257"]]:
+    """Radial frequency [cpd] and weights of the temporal replica (Eq. 22, 23)."""
+    # Beyond the band there is nothing to move; the bound keeps a still image finite.
+    slowest = c.display.refresh_rate / (2.0 * c.display.ppd)
+    distance = c.display.refresh_rate / jnp.maximum(c.viewing.velocity, slowest)
+    moved = rho[None, :] - distance
+    # Half a bin of uncertainty, or the cusp of S^beta at 0 could sit on a grid point.
+    radius = jnp.sqrt(moved**2 + rho[:, None] ** 2 + (0.5 * step) ** 2)
+    ahead = below(rate_x * HALF) * (1.0 - below(distance / step))
+    return radius, ahead[None, :] * _half_axis(rate_y)[:, None]
+
+
+def _from_zero(
+    rate_x: Float[Array, ""], rate_y: Float[Array, ""]
+) -> Float[Array, "257 257"]:
+    """Weights of the integral from 0 to the coarse Nyquist frequencies (Eq. 13)."""
+    return _half_axis(rate_x)[None, :] * _half_axis(rate_y)[:, None]
+
+
+def _half_axis(rate: Float[Array, ""]) -> Float[Array, "257"]:
+    return below(rate * HALF).at[0].multiply(0.5)

@@ -1,0 +1,54 @@
+import functools
+
+import jax
+import pytest
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--float32", action="store_true", help="run in JAX's default single precision"
+    )
+
+
+def pytest_configure(config):
+    config.addinivalue_line(
+        "markers", "float64: meaningful in double precision only (the reason beside it)"
+    )
+    jax.config.update("jax_enable_x64", not config.getoption("--float32"))
+    jax.config.update("jax_numpy_rank_promotion", "raise")
+    jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+
+def pytest_report_header(config):
+    return f"jax_enable_x64: {jax.config.jax_enable_x64}"
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--float32"):
+        skip = pytest.mark.skip(reason="double precision only")
+        for item in items:
+            if "float64" in item.keywords:
+                item.add_marker(skip)
+
+
+@functools.cache
+def _why_missing(name):
+    from camojab.datasets import fetch, MissingData
+
+    try:
+        fetch(name)
+    except MissingData as error:
+        return str(error)
+    return ""
+
+
+@pytest.fixture
+def real_data():
+    """Skip the test, with the reason, unless the named public files can be had."""
+
+    def need(*names):
+        for name in names:
+            if reason := _why_missing(name):
+                pytest.skip(reason)
+
+    return need
