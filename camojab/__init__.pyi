@@ -1,4 +1,4 @@
-from . import datasets as datasets
+from . import datasets as datasets, fit as fit, votes as votes
 from ._csf import sensitivity as sensitivity
 from ._display import (
     Components as Components,

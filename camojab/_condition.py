@@ -52,6 +52,17 @@ def log_eye_blur(rho: Float[Array, " n"], c: Condition) -> Float[Array, " n"]:
     return jnp.where(c.components.eye_blur, log_transfer, 0)
 
 
+class Field(eqx.Module):
+    """Amplitudes whose weighted powers make an energy: sum(weight exp(beta log)).
+
+    - `log`: natural logarithm of amplitude times sensitivity, `-inf` where zero.
+    - `weight`: of each in the energy; >= 0.
+    """
+
+    log: Float[Array, "rows columns"]
+    weight: Float[Array, "rows columns"]
+
+
 def sensitivity_power(
     rho: Float[Array, "*n"],
     temporal_frequency: Float[Array, ""],
@@ -59,10 +70,16 @@ def sensitivity_power(
     c: Condition,
 ) -> Float[Array, "*n"]:
     """`sensitivity ** beta`, with the given value at spatial frequency 0."""
-    some = rho > 0
-    log = log_sensitivity(
-        jnp.where(some, rho, 1),
+    log = log_sensitivity_of(rho, temporal_frequency, c)
+    return jnp.where(rho > 0, jnp.exp(c.parameters.beta * log), at_zero)
+
+
+def log_sensitivity_of(
+    rho: Float[Array, "*n"], temporal_frequency: Float[Array, ""], c: Condition
+) -> Float[Array, "*n"]:
+    """Logarithm of the sensitivity, finite and of no meaning at frequency 0."""
+    return log_sensitivity(
+        jnp.where(rho > 0, rho, 1),
         jnp.broadcast_to(temporal_frequency, rho.shape),
         jnp.broadcast_to(c.display.luminance, rho.shape),
     )
-    return jnp.where(some, jnp.exp(c.parameters.beta * log), at_zero)

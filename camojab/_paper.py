@@ -10,7 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ._condition import Condition, log_eye_blur, sensitivity_power
+from ._condition import (
+    Condition,
+    Field,
+    log_eye_blur,
+    log_sensitivity_of,
+    sensitivity_power,
+)
 from ._display import Shading
 from ._filters import lorentzian
 from ._math import safe_hypot, safe_power
@@ -95,6 +101,32 @@ def evaluate(p: PaperPool, c: Condition) -> tuple[Float[Array, ""], Array]:
     flicker = sensitivity_power(radius, c.display.refresh_rate, 0.0, c)
     temporal = step**2 * jnp.sum(p.kept * flicker * inside)
     return spatial, jnp.where(c.components.judder, temporal, 0)
+
+
+def fields(
+    amplitude: Float[Array, "512 512"], c: Condition
+) -> tuple[Field, Field, Field]:
+    """Reference, shaded and replica, before the power: what `beta` acts on."""
+    dtype = amplitude.dtype
+    step = c.display.ppd / SIZE
+    rho = jnp.arange(HALF + 1, dtype=dtype) * step
+    one, rest = jnp.ones((), dtype), jnp.zeros((), dtype)
+    reference = sample(amplitude, one, one, impulses=0)
+    shaded = jnp.where(c.components.vrs, shade(amplitude, c.shading), reference)
+    rate_x = jnp.where(c.components.vrs, c.shading.rate_x, one)
+    rate_y = jnp.where(c.components.vrs, c.shading.rate_y, one)
+    still = safe_hypot(rho[None, :], rho[:, None])
+    blur = log_eye_blur(rho, c)[None, :]
+    static = jnp.where(still > 0, log_sensitivity_of(still, rest, c), -jnp.inf)
+    moving, inside = replica(rho, step, rate_x, rate_y, c)
+    flicker = log_sensitivity_of(moving, c.display.refresh_rate, c)
+    within, coarse = _from_zero(one, one), _from_zero(rate_x, rate_y)
+    area = step**2
+    return (
+        Field(jnp.log(reference) + static, area * within),
+        Field(jnp.log(shaded) + blur + static, area * coarse),
+        Field(jnp.log(shaded) + flicker, area * inside * c.components.judder),
+    )
 
 
 def replica(

@@ -14,7 +14,7 @@ from ._parameters import Formulation, Parameters
 from ._spectrum import Spectrum
 
 
-_CHAIN: dict[Formulation, ModuleType] = {
+CHAIN: dict[Formulation, ModuleType] = {
     Formulation.RELEASED: _released,
     Formulation.PAPER: _paper,
 }
@@ -157,7 +157,7 @@ def _pool(
     same = lambda tree: jax.tree.map(lambda x: x.astype(amplitude.dtype), tree)
     shading, parameters = same(shading), same(parameters)
     vrs = jnp.asarray(True)
-    energies = _CHAIN[formulation].pool(amplitude, shading, vrs, parameters.beta)
+    energies = CHAIN[formulation].pool(amplitude, shading, vrs, parameters.beta)
     return Pooled(energies, parameters, formulation)
 
 
@@ -171,7 +171,7 @@ def pooled_quality(
 
     **Returns:** quality in the broadcast shape. [JND].
     """
-    chain, parameters = _CHAIN[pooled.formulation], pooled.parameters
+    chain, parameters = CHAIN[pooled.formulation], pooled.parameters
     condition = Condition(display, viewing, Shading(), Components(), parameters)
     shape, conditions = flattened(condition, parameters.beta.dtype)
 
@@ -186,7 +186,7 @@ def pooled_quality(
 def _distortions(
     spectrum: Spectrum, conditions: Condition, formulation: Formulation
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    chain = _CHAIN[formulation]
+    chain = CHAIN[formulation]
 
     # Checkpointed, or the backward pass would keep every condition's spectra.
     @jax.checkpoint

@@ -12,7 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ._condition import Condition, log_eye_blur, sensitivity_power
+from ._condition import (
+    Condition,
+    Field,
+    log_eye_blur,
+    log_sensitivity_of,
+    sensitivity_power,
+)
 from ._display import Shading
 from ._filters import lorentzian
 from ._math import safe_power
@@ -24,6 +30,7 @@ _K = np.arange(-HALF, HALF)
 
 # Where the horizontal frequency is the larger one and decides the ring.
 _BELOW = np.arange(HALF + 1)[:, None] < np.abs(_K)[None, :]
+_WIDER = np.abs(_K)[:, None] < np.abs(_K)[None, :]
 
 
 class ReleasedPool(eqx.Module):
@@ -76,11 +83,43 @@ def evaluate(p: ReleasedPool, c: Condition) -> tuple[Float[Array, ""], Array]:
 
     flicker = sensitivity_power(rho, c.display.refresh_rate, 1.0, c)
     flicker = _once(flicker)
-    columns = jnp.concatenate([flicker[:0:-1], flicker[:-1]])
-    on_ring = jnp.where(_BELOW, columns[None, :], flicker[:, None])
+    on_ring = jnp.where(_BELOW, _both_sides(flicker)[None, :], flicker[:, None])
     moved = shifted(p.bins.T, -judder_shift(c)).T
     temporal = jnp.sum(moved * on_ring) / SIZE**2
     return spatial, jnp.where(c.components.judder, temporal, 0)
+
+
+def fields(
+    amplitude: Float[Array, "512 512"], c: Condition
+) -> tuple[Field, Field, Field]:
+    """Reference, shaded and replica, before the power: what `beta` acts on."""
+    dtype = amplitude.dtype
+    shaded = jnp.where(c.components.vrs, shade(amplitude, c.shading), amplitude)
+    moved = shifted(shaded.T, -judder_shift(c)).T
+    rho = jnp.arange(HALF + 1, dtype=dtype) * (c.display.ppd / SIZE)
+    still = _log_on_rings(rho, jnp.zeros((), dtype), -jnp.inf, c)
+    flicker = _log_on_rings(rho, c.display.refresh_rate, 0.0, c)
+    blur = _both_sides(log_eye_blur(rho, c))[None, :]
+    weight = jnp.full((SIZE, SIZE), 1.0 / SIZE**2, dtype)
+    return (
+        Field(jnp.log(amplitude) + still, weight),
+        Field(jnp.log(shaded) + blur + still, weight),
+        Field(jnp.log(moved) + flicker, weight * c.components.judder),
+    )
+
+
+def _log_on_rings(
+    rho: Float[Array, "257"], f: Float[Array, ""], at_zero: float, c: Condition
+) -> Float[Array, "512 512"]:
+    """Logarithm of the sensitivity at max(|rho_x|, |rho_y|)."""
+    log = jnp.where(rho > 0, log_sensitivity_of(rho, f, c), at_zero)
+    columns = jnp.broadcast_to(_both_sides(_once(log)), (SIZE, SIZE))
+    return jnp.where(_WIDER, columns, columns.T)
+
+
+def _both_sides(half: Float[Array, "257"]) -> Float[Array, "512"]:
+    """Bins -256..255 of a function of the bins' distance from 0."""
+    return jnp.concatenate([half[:0:-1], half[:-1]])
 
 
 def judder_shift(c: Condition) -> Int[Array, ""]:

@@ -38,4 +38,8 @@ from ._literature import (
     mackin2016 as mackin2016,
 )
 from ._registry import fetch as fetch, MissingData as MissingData
+from ._simulated import (
+    simulated_conditions as simulated_conditions,
+    simulated_votes as simulated_votes,
+)
 from ._textures import builtin_textures as builtin_textures

@@ -1,0 +1,304 @@
+"""A table of conditions -> the model's predictions, row by row."""
+
+import functools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike, Float, Int
+
+from . import datasets
+from ._columns import (
+    check_columns,
+    FLAG,
+    FRACTION,
+    not_negative,
+    numbers,
+    positive,
+    Problem,
+    Rule,
+    TableError,
+)
+from ._condition import Condition, flattened
+from ._display import Components, Display, Shading, Viewing
+from ._parameters import Formulation, Parameters
+from ._quality import Distortion, distortion
+from ._spectrum import luminance, Spectrum
+
+
+if TYPE_CHECKING:
+    import pandas
+
+
+REQUIRED: dict[str, Rule] = {
+    "mean_luminance_cd_m2": positive("cd/m^2"),
+    "refresh_rate_hz": positive("Hz"),
+    "velocity_deg_s": not_negative("deg/s"),
+    "persistence": FRACTION,
+    "ppd": positive("px/deg"),
+    "rate_x": FRACTION,
+    "rate_y": FRACTION,
+    "mip_level": not_negative(),
+}
+OPTIONAL: dict[str, Rule] = {
+    "beta": positive(),
+    "vrs": FLAG,
+    "eye_blur": FLAG,
+    "judder": FLAG,
+}
+# What a call costs beside its conditions, in conditions.
+CALL = 1
+ADDED = ("spatial_distortion", "temporal_distortion", "quality_jnd")
+
+
+def predict(
+    table: "pandas.DataFrame",
+    *,
+    formulation: Formulation = Formulation.RELEASED,
+    parameters: Parameters | None = None,
+    textures: Mapping[str, ArrayLike] | None = None,
+    encoding: str | None = None,
+    folder: str | Path | None = None,
+) -> "pandas.DataFrame":
+    """Distortions and quality of every row of a table of conditions.
+
+    Each texture is read once, and memory does not grow with the number of rows or
+    textures. Computed in JAX's default precision.
+
+    **Arguments:**
+
+    - `table`: one condition a row, in the columns
+
+        - `texture`: a key of `textures`, `"jindal2021:NAME"` for a texture of
+            `datasets.jindal2021_textures`, `"builtin:NAME"` for one of
+            `datasets.builtin_textures`, or the path of an image or of an array in a
+            `.npy` file, relative to the working directory or else to `folder`;
+        - `mean_luminance_cd_m2` [cd/m^2], > 0; `refresh_rate_hz` [Hz], > 0;
+            `velocity_deg_s` [deg/s], >= 0; `persistence`, in (0, 1]; `ppd` [px/deg],
+            > 0; `rate_x` and `rate_y`, in (0, 1]; `mip_level`, >= 0;
+        - optionally `beta`, > 0, in the place of that of `parameters`, and `vrs`,
+            `eye_blur` and `judder`, 0 or 1, the parts of `Components` that take part.
+
+        Further columns are left as they are.
+    - `parameters`: the published ones of `formulation` if left out; each constant a
+        scalar.
+    - `textures`: textures by name, as `Spectrum.from_texture` takes them.
+    - `encoding`: of the image files and of `textures`, as `Spectrum.from_texture` takes
+        it; without it colour is an error and grey is relative luminance as it stands.
+        The textures of `datasets` are luminance already.
+
+    **Returns:** a copy of the table with the further columns `spatial_distortion` [1],
+    `temporal_distortion` [1] and `quality_jnd` [JND], as `distortion` and `quality`
+    define them.
+
+    **Raises:** `TableError`, a `ValueError`, for a missing or repeated column, a column
+    that has the name of one to be added, a number out of range or a texture that cannot
+    be used; its `problems` name every such cell. `ValueError` for an unknown encoding.
+
+    **Accuracy:** as `distortion`.
+
+    **Source:** Jindal et al. 2021, Eq. 1 to 23.
+    """
+    names = [str(name) for name in table.columns]
+    check_columns(names, required=("texture", *REQUIRED), added=ADDED)
+    added = predictions(
+        {name: list(table[name]) for name in names if name in known()},
+        formulation=formulation,
+        parameters=parameters or Parameters.published(formulation),
+        textures=textures or {},
+        encoding=encoding,
+        folder=folder,
+    )
+    return table.assign(**added)
+
+
+def known() -> list[str]:
+    """The columns that `predict` reads."""
+    return ["texture", *REQUIRED, *OPTIONAL]
+
+
+def predictions(
+    columns: Mapping[str, Sequence[Any]],
+    *,
+    formulation: Formulation,
+    parameters: Parameters,
+    textures: Mapping[str, ArrayLike],
+    encoding: str | None,
+    folder: str | Path | None,
+    progress: Callable[[int], None] = lambda rows: None,
+) -> dict[str, Float[np.ndarray, " rows"]]:
+    """The columns that `predict` adds; `progress` is told of rows as they are done.
+
+    Cells may be texts of numbers. **Raises:** as `predict`.
+    """
+    if encoding is not None:
+        luminance(np.zeros((1, 1)), encoding=encoding)
+    dtype = np.dtype(jnp.result_type(float))
+    rules = REQUIRED | {k: rule for k, rule in OPTIONAL.items() if k in columns}
+    values, problems = numbers(columns, rules, dtype)
+    groups = _rows_by_texture(columns["texture"])
+    sources, unknown = _sources(groups, textures, encoding, folder)
+    if problems or unknown:
+        raise TableError.of(problems + unknown)
+    conditions = _conditions(values, parameters, dtype)
+    spatial, temporal = _evaluated(groups, sources, conditions, formulation, progress)
+    weights = conditions.parameters
+    quality = weights.ws * spatial + weights.wt * temporal
+    if overflowing := [
+        Problem(int(row), f"`{ADDED[2]}` must be finite, got {quality[row]}.")
+        for row in np.flatnonzero(~np.isfinite(quality))
+    ]:
+        raise TableError.of(overflowing)
+    return dict(zip(ADDED, (spatial, temporal, quality), strict=True))
+
+
+def _conditions(
+    values: Mapping[str, Float[np.ndarray, " rows"]],
+    parameters: Parameters,
+    dtype: np.dtype,
+) -> Condition:
+    """Every field as a NumPy array of one value a row."""
+    given = lambda *names: {name: values[name] for name in names if name in values}
+    condition = Condition(
+        Display(
+            ppd=values["ppd"],
+            refresh_rate=values["refresh_rate_hz"],
+            luminance=values["mean_luminance_cd_m2"],
+            persistence=values["persistence"],
+        ),
+        Viewing(values["velocity_deg_s"]),
+        Shading(**given("rate_x", "rate_y", "mip_level")),
+        Components(**given("vrs", "eye_blur", "judder")),
+        Parameters(**vars(parameters) | given("beta")),
+    )
+    return jax.tree.map(np.asarray, flattened(condition, dtype)[1])
+
+
+def _evaluated(
+    groups: Mapping[str, Int[np.ndarray, " n"]],
+    sources: Mapping[str, Callable[[], Spectrum]],
+    conditions: Condition,
+    formulation: Formulation,
+    progress: Callable[[int], None],
+) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+    """Spatial and temporal distortion of all rows, one texture after the other."""
+    spatial = np.zeros_like(conditions.display.ppd)
+    temporal = np.zeros_like(spatial)
+    length = _run_length([len(rows) for rows in groups.values()])
+    problems = []
+    for name, rows in groups.items():
+        try:
+            spectrum = sources[name]()
+        except (OSError, ValueError) as error:
+            problems.append(Problem(int(rows[0]), f"in {name!r}, {error}"))
+            continue
+        # Once a texture is broken, the others are only read, to report them too.
+        if problems:
+            continue
+        for start in range(0, len(rows), length):
+            run = rows[start : start + length]
+            padded = np.pad(run, (0, length - len(run)), mode="edge")
+            parts = _distortion(spectrum, conditions, padded, formulation)
+            spatial[padded], temporal[padded] = parts.spatial, parts.temporal
+            progress(len(run))
+    if problems:
+        raise TableError.of(problems)
+    return spatial, temporal
+
+
+def _run_length(sizes: Sequence[int]) -> int:
+    """How many conditions go through in a call: the same in all, to compile once.
+
+    A texture's last call is padded, and a call costs as much again as some conditions.
+    """
+    cost = lambda length: sum(-(-size // length) for size in sizes) * (length + CALL)
+    return min((2**k for k in range(9)), key=cost)
+
+
+def _distortion(
+    spectrum: Spectrum,
+    conditions: Condition,
+    rows: Int[np.ndarray, " n"],
+    formulation: Formulation,
+) -> Distortion:
+    c = jax.tree.map(lambda field: field[rows], conditions)
+    return distortion(
+        spectrum,
+        c.display,
+        c.viewing,
+        c.shading,
+        c.parameters,
+        formulation=formulation,
+        components=c.components,
+    )
+
+
+def _rows_by_texture(names: Iterable[Any]) -> dict[str, Int[np.ndarray, " n"]]:
+    """The rows of every texture, in the order in which the table names them."""
+    rows: dict[str, list[int]] = {}
+    for row, name in enumerate(names):
+        rows.setdefault(str(name), []).append(row)
+    return {name: np.array(of) for name, of in rows.items()}
+
+
+def _sources(
+    groups: Mapping[str, Int[np.ndarray, " n"]],
+    textures: Mapping[str, ArrayLike],
+    encoding: str | None,
+    folder: str | Path | None,
+) -> tuple[dict[str, Callable[[], Spectrum]], list[Problem]]:
+    """How to read every texture, and a problem for each of which there is none."""
+    libraries = {
+        "jindal2021": functools.cache(datasets.jindal2021_textures),
+        "builtin": functools.cache(datasets.builtin_textures),
+    }
+
+    def source(name: str) -> Callable[[], Spectrum]:
+        kind, _, key = name.partition(":")
+        if name in textures:
+            return lambda: Spectrum.from_texture(textures[name], encoding=encoding)
+        if kind in libraries:
+            library = libraries[kind]()
+            if key not in library:
+                rule = "one of " + ", ".join(f"{kind}:{known}" for known in library)
+                raise ValueError(f"`texture` must be {rule}, got {name!r}.")
+            return lambda: Spectrum.from_texture(library[key])
+        path = _path(name, folder)
+        return lambda: Spectrum.from_texture(_image(path), encoding=encoding)
+
+    found, problems = {}, []
+    for name, rows in groups.items():
+        try:
+            found[name] = source(name)
+        except (OSError, ValueError) as error:
+            problems.append(Problem(int(rows[0]), str(error)))
+    return found, problems
+
+
+def _path(name: str, folder: str | Path | None) -> Path:
+    for path in (Path(name), Path(folder or "") / name):
+        if path.is_file():
+            return path
+    raise ValueError(
+        "`texture` must be a file, jindal2021:NAME or builtin:NAME, got "
+        f"{name!r}, which is no file."
+    )
+
+
+def _image(path: Path) -> np.ndarray:
+    try:
+        if path.suffix.lower() == ".npy":
+            with path.open("rb") as file:
+                return np.lib.format.read_array(file, allow_pickle=False)
+        from skimage.io import imread
+
+        return imread(path)
+    # Each decoder has errors of its own for a file that it cannot read.
+    except Exception as error:
+        raise ValueError(
+            f"`texture` must be an image or an array that can be read "
+            f"({type(error).__name__})."
+        ) from error

@@ -1,0 +1,109 @@
+"""Scaled measurements, with the conditions that the model is evaluated at."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from .. import datasets
+from ..votes import count, Prior, scale
+
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What a fit needs: measured differences of quality and their conditions.
+
+    - `table`: a row per measurement. Columns: those of the model's conditions (as
+      `camojab predict` names them, `velocity_deg_s` being what enters the model);
+      `data_set`, which shares one scale; `block`, which is reported on its own;
+      `reference`, the row that quality is measured against; `temporal_only`, where
+      only the judder differs; `quality_jnd`, measured, relative to `reference`.
+    - `textures`: the texels of each name in the column `texture`.
+    """
+
+    table: "pandas.DataFrame"
+    textures: Mapping[str, Float[np.ndarray, "rows columns"]]
+
+
+def jindal2021() -> Observations:
+    """The 184 values that the published constants were fitted to.
+
+    Experiment 1 of Jindal et al. 2021 (three blocks) and Experiments 1 and 3 of Denes
+    et al. 2020, with the set-up of the authors' fit: quality relative to full rate, to
+    50 Hz and to 82.5 Hz, shading reduced along the motion only.
+    """
+    import pandas
+
+    rates = datasets.jindal2021_jnd()
+    # The eye's own rotation in the experiment, as the authors' fit takes it.
+    rates["velocity_deg_s"] = rates.pop("tracked_velocity_deg_s")
+    rates = _described(rates, "jindal2021", "Block-" + rates["block"])
+    rates["reference"] = _references(
+        rates, ["block", "texture", "velocity_deg_s"], rates["rate_x"] == 1
+    )
+
+    refresh = _described(
+        datasets.denes2020_exp1_jnd(), "denes2020_exp1", "MARRR Exp. 1"
+    )
+    refresh["reference"] = _references(
+        refresh, ["velocity_deg_s"], refresh["refresh_rate_hz"] == 50
+    )
+
+    judder = datasets.denes2020_exp3_jnd()
+    judder = _described(judder, "denes2020_exp3", "MARRR Exp. 3")
+    judder["temporal_only"] = True
+    judder["quality_jnd"] = -judder["loss_jnd"]
+    judder["reference"] = _references(
+        judder, ["velocity_deg_s"], judder["refresh_rate_hz"] == 82.5
+    )
+    return Observations(
+        _stacked([rates, refresh, judder], pandas), datasets.jindal2021_textures()
+    )
+
+
+def simulated() -> Observations:
+    """The same three kinds of experiment, voted on by a simulated observer.
+
+    The shipped votes (`data/simulated_votes.csv`) are scaled to JND here, with the
+    prior of the published scaling.
+    """
+    conditions, votes = datasets.simulated_conditions(), datasets.simulated_votes()
+    table = conditions.reset_index(drop=True)
+    table["quality_jnd"] = 0.0
+    for session, rows in table.groupby("session", sort=False):
+        cast = votes[votes["session"] == session]
+        names = list(dict.fromkeys(rows["condition"]))
+        jnd = np.asarray(scale(count(cast, names), prior=Prior.BOUNDED).quality)
+        of = dict(zip(names, jnd, strict=True))
+        measured = rows["condition"].map(of)
+        anchor = table.loc[rows["reference"], "condition"].map(of)
+        table.loc[rows.index, "quality_jnd"] = measured.to_numpy() - anchor.to_numpy()
+    return Observations(table, datasets.builtin_textures())
+
+
+def _described(
+    table: "pandas.DataFrame", data_set: str, block: "pandas.Series | str"
+) -> "pandas.DataFrame":
+    return table.assign(data_set=data_set, block=block, temporal_only=False)
+
+
+def _references(
+    table: "pandas.DataFrame", group: list[str], reference: "pandas.Series"
+) -> "pandas.Series":
+    rows = table.index.to_series().where(reference)
+    return rows.groupby([table[name] for name in group]).transform("max").astype(int)
+
+
+def _stacked(parts: list["pandas.DataFrame"], pandas) -> "pandas.DataFrame":
+    start = 0
+    shifted = []
+    for part in parts:
+        shifted.append(part.assign(reference=part["reference"] + start))
+        start += len(part)
+    return pandas.concat(shifted, ignore_index=True, join="inner")
