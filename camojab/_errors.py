@@ -21,9 +21,10 @@ def check(name: str, x: ArrayLike, ok: Callable[[Array], Array], rule: str) -> A
     # An explicit dtype also drops the weak type, which would compile anew.
     x = jnp.asarray(x, dtype)
     message = f"`{name}` must be {rule}"
-    if isinstance(x, jax.core.Tracer):
-        return eqx.error_if(x, ~jnp.all(ok(x)), f"{message}.")
     good = ok(x)
+    # A concrete array captured by a transformation is checked with traced operations.
+    if isinstance(good, jax.core.Tracer):
+        return eqx.error_if(x, ~jnp.all(good), f"{message}.")
     if not bool(jnp.all(good)):
         bad = x[~good].ravel()[0] if x.ndim else x
         raise ValueError(f"{message}, got {float(bad):g}.")

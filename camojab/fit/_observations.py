@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -23,7 +23,8 @@ class Observations:
       `camojab predict` names them, `velocity_deg_s` being what enters the model);
       `data_set`, which shares one scale; `block`, which is reported on its own;
       `reference`, the row that quality is measured against; `temporal_only`, where
-      only the judder differs; `quality_jnd`, measured, relative to `reference`.
+      only the judder differs; `quality_jnd`, measured, relative to `reference`;
+      `low_jnd` and `high_jnd`, the ends of its interval where it has one.
     - `textures`: the texels of each name in the column `texture`.
     """
 
@@ -40,7 +41,7 @@ def jindal2021() -> Observations:
     """
     import pandas
 
-    rates = datasets.jindal2021_jnd()
+    rates: Any = datasets.jindal2021_jnd()
     # The eye's own rotation in the experiment, as the authors' fit takes it.
     rates["velocity_deg_s"] = rates.pop("tracked_velocity_deg_s")
     rates = _described(rates, "jindal2021", "Block-" + rates["block"])
@@ -55,10 +56,11 @@ def jindal2021() -> Observations:
         refresh, ["velocity_deg_s"], refresh["refresh_rate_hz"] == 50
     )
 
-    judder = datasets.denes2020_exp3_jnd()
+    judder: Any = datasets.denes2020_exp3_jnd()
     judder = _described(judder, "denes2020_exp3", "MARRR Exp. 3")
     judder["temporal_only"] = True
     judder["quality_jnd"] = -judder["loss_jnd"]
+    judder["low_jnd"] = judder["high_jnd"] = np.nan
     judder["reference"] = _references(
         judder, ["velocity_deg_s"], judder["refresh_rate_hz"] == 82.5
     )
@@ -73,9 +75,10 @@ def simulated() -> Observations:
     The shipped votes (`data/simulated_votes.csv`) are scaled to JND here, with the
     prior of the published scaling.
     """
-    conditions, votes = datasets.simulated_conditions(), datasets.simulated_votes()
-    table = conditions.reset_index(drop=True)
+    table: Any = datasets.simulated_conditions()
+    votes: Any = datasets.simulated_votes()
     table["quality_jnd"] = 0.0
+    table["low_jnd"] = table["high_jnd"] = np.nan
     for session, rows in table.groupby("session", sort=False):
         cast = votes[votes["session"] == session]
         names = list(dict.fromkeys(rows["condition"]))
@@ -87,20 +90,18 @@ def simulated() -> Observations:
     return Observations(table, datasets.builtin_textures())
 
 
-def _described(
-    table: "pandas.DataFrame", data_set: str, block: "pandas.Series | str"
-) -> "pandas.DataFrame":
+def _described(table: Any, data_set: str, block: Any) -> Any:
     return table.assign(data_set=data_set, block=block, temporal_only=False)
 
 
-def _references(
-    table: "pandas.DataFrame", group: list[str], reference: "pandas.Series"
-) -> "pandas.Series":
+def _references(table: Any, group: list[str], reference: Any) -> Any:
+    """The row, among those alike in `group`, that is the reference of each row."""
     rows = table.index.to_series().where(reference)
     return rows.groupby([table[name] for name in group]).transform("max").astype(int)
 
 
-def _stacked(parts: list["pandas.DataFrame"], pandas) -> "pandas.DataFrame":
+def _stacked(parts: list[Any], pandas: Any) -> Any:
+    """Tables below one another, `reference` moved with its rows."""
     start = 0
     shifted = []
     for part in parts:

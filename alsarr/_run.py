@@ -1,0 +1,181 @@
+"""The main job: votes to constants, constants to tables, tables to a rate map."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from camojab import fit, Formulation, Parameters, save_parameters, Spectrum
+
+from ._inputs import Inputs
+from ._rates import RATES
+from ._report import write_report
+from ._stages import digest, Result, Stages
+from .export import write_rates_bin, write_rates_png
+from .oracle import TableOracle
+from .solve import greedy_jindal2021
+from .tables import AbstractTables, distil, Grid, load_tables, save_tables
+
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What each stage found, and the names of those that had to be computed.
+
+    - `fit`: `rmse_jnd` per block and `all`, `parameters`, `scales`, `predicted_jnd`,
+      `steps`, `verdict`.
+    - `tables`: `largest_error_jnd`, `median_error_jnd`, `textures`, `mip_levels`.
+    - `rate_map`: `quality_jnd`, `cost` and `full_cost` [px], `budget`, `shares`,
+      `outside`, `tiles`.
+    - `quote`: the line to quote beside any of these numbers.
+    """
+
+    fit: Result
+    tables: Result
+    rate_map: Result
+    quote: str
+    computed: tuple[str, ...]
+
+
+def run(
+    inputs: Inputs,
+    out: Path,
+    *,
+    budget: float,
+    progress: Progress = lambda stage, done, total: None,
+) -> Outcome:
+    """Fit, distil, solve and report into the folder `out`.
+
+    Writes `parameters.json`, `tables.json`, `rates.png`, `rates.bin` and `report.html`,
+    each whole or not at all, and `run.json`, the record that lets a second run leave
+    out what did not change.
+
+    **Arguments:**
+
+    - `budget`: share of the cost of shading every tile at full rate. In (0, 1].
+    - `progress`: called with a stage's name, the steps done and their number.
+
+    **Raises:** `ValueError` for a budget out of range or below the coarsest map.
+    """
+    if not 0 < budget <= 1:
+        raise ValueError(f"`budget` must be in (0, 1], got {budget:g}.")
+    stages, release = Stages(out), version("alsarr")
+    data = (release, inputs.observations.table, dict(inputs.observations.textures))
+
+    found, fitted = stages.run(
+        "fit",
+        data,
+        ["parameters.json"],
+        lambda: _fit(inputs, out, lambda *n: progress("fit", *n)),
+    )
+    parameters = Parameters(**found["parameters"])
+    made, distilled = stages.run(
+        "tables",
+        (release, dict(inputs.textures), inputs.mip_levels, inputs.ppd, parameters),
+        ["tables.json"],
+        lambda: _tables(inputs, parameters, out, lambda *n: progress("tables", *n)),
+    )
+    own = inputs.tables or load_tables(out / "tables.json")
+    solved, mapped = stages.run(
+        "rate map",
+        (release, inputs.frame, own, inputs.refresh_rate, budget),
+        ["rates.png", "rates.bin"],
+        lambda: _rate_map(inputs, own, budget, out),
+    )
+    quote = _quote(release, inputs, parameters)
+    _, reported = stages.run(
+        "report",
+        (digest(*data), found, made, solved, quote),
+        ["report.html"],
+        lambda: write_report(out, inputs, found, made, solved, quote),
+    )
+    names = ("fit", "tables", "rate map", "report")
+    new = (fitted, distilled, mapped, reported)
+    computed = tuple(n for n, is_new in zip(names, new, strict=True) if is_new)
+    return Outcome(found, made, solved, quote, computed)
+
+
+def _fit(inputs: Inputs, out: Path, progress: Callable[[int, int], None]) -> Result:
+    with jax.enable_x64(True):
+        found = fit.fit(inputs.observations, progress=progress)
+        rmse = {**found.rmse, "all": found.total_rmse}
+        save_parameters(
+            out / "parameters.json",
+            found.parameters,
+            Formulation.RELEASED,
+            provenance=f"least squares on the JND of {inputs.name}",
+            details={"rmse_jnd": rmse, "scales": found.scales},
+        )
+        constants = {k: float(v) for k, v in vars(found.parameters).items()}
+    return {
+        "parameters": constants,
+        "scales": found.scales,
+        "rmse_jnd": rmse,
+        "predicted_jnd": found.predicted.tolist(),
+        "steps": found.steps,
+        "verdict": found.verdict,
+    }
+
+
+def _tables(
+    inputs: Inputs,
+    parameters: Parameters,
+    out: Path,
+    progress: Callable[[int, int], None],
+) -> Result:
+    # Single precision is exact to 1e-5 JND here and takes a third of the time.
+    with jax.enable_x64(False):
+        tables = distil(
+            {k: Spectrum.from_texture(v) for k, v in inputs.textures.items()},
+            mip_levels=inputs.mip_levels,
+            ppd=inputs.ppd,
+            parameters=jax.tree.map(lambda x: jnp.asarray(x, float), parameters),
+            grid=Grid(),
+            progress=progress,
+        )
+        save_tables(out / "tables.json", tables)
+    return {
+        "textures": list(tables.texture_names),
+        "mip_levels": list(inputs.mip_levels),
+        "largest_error_jnd": float(tables.largest_error),
+        "median_error_jnd": float(tables.median_error),
+    }
+
+
+def _rate_map(
+    inputs: Inputs, tables: AbstractTables, budget: float, out: Path
+) -> Result:
+    with jax.enable_x64(True):
+        wide = lambda x: x.astype(float) if jnp.issubdtype(x.dtype, jnp.floating) else x
+        frame, oracle = jax.tree.map(wide, (inputs.frame, TableOracle(tables)))
+        quality = oracle.quality(frame, inputs.refresh_rate)
+        full = int(RATES.cost.max()) * quality.shape[0]
+        chosen = greedy_jindal2021(quality, RATES.cost, budget * full)
+        outside = int(oracle.count_outside(frame, inputs.refresh_rate))
+        rate = np.asarray(chosen.rate).reshape(frame.shape)
+        total, cost = float(chosen.quality), float(chosen.cost)
+    write_rates_png(out / "rates.png", rate)
+    write_rates_bin(out / "rates.bin", rate)
+    counts = np.bincount(rate.ravel(), minlength=len(RATES))
+    return {
+        "quality_jnd": total,
+        "cost": cost,
+        "budget": budget,
+        "full_cost": full,
+        "shares": dict(zip(RATES.names, (counts / rate.size).tolist(), strict=True)),
+        "outside": outside,
+        "tiles": int(rate.size),
+    }
+
+
+def _quote(release: str, inputs: Inputs, parameters: Parameters) -> str:
+    return (
+        f"alsarr {release}; data: {inputs.name}; display: {inputs.ppd:g} px/deg, "
+        f"{inputs.refresh_rate:g} Hz; parameters: {parameters.report()}"
+    )

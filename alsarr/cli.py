@@ -1,0 +1,189 @@
+"""The command line of alsarr.
+
+Only what the help needs is imported at the top; everything that computes is imported by
+the command that uses it.
+"""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal, TYPE_CHECKING
+
+import typer
+
+from camojab import _command as command
+
+
+if TYPE_CHECKING:
+    from ._inputs import Inputs
+    from ._run import Outcome
+
+
+app = typer.Typer(add_completion=False)
+
+Budget = Annotated[
+    float,
+    typer.Option(help="Share of the cost of full rate everywhere, in (0, 1]."),
+]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv`, or that of the process; returns the exit status.
+
+    0 done, 1 the data cannot be used, 2 the command line is wrong, 130 interrupted.
+    """
+    return command.run(app, "alsarr", argv)
+
+
+@app.callback(invoke_without_command=True)
+def options(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and leave.")
+    ] = False,
+) -> None:
+    """Shading and refresh rates that buy the most quality for a budget."""
+    if version:
+        print(f"alsarr {command.release()}")
+        raise typer.Exit()
+    if context.invoked_subcommand is None:
+        context.fail("Missing command.")
+
+
+@app.command()
+def run(
+    data: Annotated[
+        Literal["builtin", "jindal2021"],
+        typer.Option(
+            help="Built-in textures with simulated votes and a drawn frame, or the "
+            "votes, textures and SciFi frame of Jindal et al. 2021."
+        ),
+    ] = "builtin",
+    budget: Budget = 0.25,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder to write into.")
+    ] = Path("out"),
+    luminance: Annotated[
+        float,
+        typer.Option(
+            help="Luminance of the SciFi frame [cd/m^2]; its own was not published."
+        ),
+    ] = 50.0,
+    ppd: Annotated[
+        float, typer.Option(help="Pixels per degree of the frame's display.")
+    ] = 60.0,
+    refresh_rate: Annotated[
+        float, typer.Option(help="Refresh rate of the frame's display [Hz].")
+    ] = 60.0,
+) -> None:
+    """Votes to constants, constants to tables, tables to a rate map.
+
+    Writes parameters.json, tables.json, rates.png, rates.bin and report.html.
+    What did not change since the last run into the same folder is not done again.
+    """
+    if output.exists() and not output.is_dir():
+        raise command.Unusable(f"{output}: must be a folder to write into.")
+    with _usable(), _progress() as progress:
+        from ._inputs import builtin_inputs, jindal2021_inputs
+        from ._run import run as job
+
+        progress("data", 0, 1)
+        if data == "builtin":
+            inputs = builtin_inputs(ppd=ppd, refresh_rate=refresh_rate)
+        else:
+            inputs = jindal2021_inputs(
+                ppd=ppd, refresh_rate=refresh_rate, frame_luminance=luminance
+            )
+        progress("data", 1, 1)
+        outcome = job(inputs, output, budget=budget, progress=progress)
+    _print_outcome(inputs, outcome, output)
+
+
+@app.command()
+def solve(
+    quality: Annotated[
+        Path,
+        typer.Argument(help="NPZ file with quality_jnd (tiles, 7) and cost (7)."),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="The NPZ file to write, whole.")
+    ],
+    budget: Budget = 0.25,
+) -> None:
+    """Choose a shading rate for every tile by the paper's greedy algorithm.
+
+    The seven rates are 4x4, 2x4, 4x2, 2x2, 1x2, 2x1, 1x1 (width x height of the
+    coarse pixel). Written are rate (an index for each tile), quality_jnd and
+    cost (totals).
+    """
+    with _usable():
+        from ._rate_choice import choose, save_choice
+
+        chosen = choose(quality, budget)
+        save_choice(output, chosen)
+    total = f"{float(chosen.quality):.6g} JND for a cost of {float(chosen.cost):g}"
+    print(f"{output}: {chosen.rate.size} tiles, {total}")
+
+
+def _print_outcome(inputs: "Inputs", outcome: "Outcome", output: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from ._report import fit_rows
+
+    console = Console()
+    rows = fit_rows(inputs, outcome.fit)
+    columns = ["block", "RMSE [JND]"]
+    columns += ["Table 5", "published digits"] if inputs.published else []
+    table = Table(*columns, title=f"Fit to {inputs.name}", title_justify="left")
+    for row in rows:
+        table.add_row(*row[: len(columns)])
+    console.print(table)
+    *blocks, total = (value for _, value, _, _ in rows)
+    print(f"RMSE [JND]: {' '.join(blocks)}, all {total}")
+    tables, chosen = outcome.tables, outcome.rate_map
+    print(
+        f"tables: {len(tables['textures'])} textures x {len(tables['mip_levels'])} mip "
+        f"levels, error against the model: largest "
+        f"{tables['largest_error_jnd']:.3g} JND, median "
+        f"{tables['median_error_jnd']:.3g} JND"
+    )
+    shares = ", ".join(f"{k} {v:.1%}" for k, v in chosen["shares"].items())
+    print(
+        f"rate map: {chosen['quality_jnd']:.2f} JND over {chosen['tiles']} tiles for "
+        f"{chosen['cost'] / chosen['full_cost']:.2%} of full cost (budget "
+        f"{chosen['budget']:.2%}); {shares}"
+    )
+    print(f"to quote: {outcome.quote}")
+    done = ", ".join(outcome.computed) or "nothing, all is up to date"
+    print(f"computed: {done}; see {output / 'report.html'}")
+
+
+@contextmanager
+def _usable() -> Iterator[None]:
+    """What the library says of a wrong value, without a traceback."""
+    import equinox as eqx
+
+    try:
+        yield
+    except (ValueError, eqx.EquinoxRuntimeError) as error:
+        raise command.Unusable(str(error).splitlines()[0]) from error
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, int, int], None]]:
+    """A bar for each stage, if the error stream is a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    silent = not sys.stderr.isatty()
+    with Progress(console=Console(stderr=True), transient=True, disable=silent) as bars:
+        tasks = {}
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total)
+            bars.update(tasks[stage], completed=done, total=total)
+
+        yield progress

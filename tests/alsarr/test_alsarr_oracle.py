@@ -1,0 +1,120 @@
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from alsarr._frame import Frame, frame_from_jindal2021
+from alsarr._rates import RATES
+from alsarr.oracle import AbstractQualityOracle, TableOracle
+from alsarr.solve import greedy_jindal2021
+from alsarr.tables import TablesJindal2021
+from camojab.datasets import (
+    jindal2021_frame,
+    jindal2021_material_tables,
+    MissingData,
+)
+
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "knapsack_scifi.npz"
+
+
+@pytest.fixture(scope="module")
+def scifi():
+    """The authors' frame and tables, at their display and 50 cd/m^2."""
+    try:
+        stored, materials = jindal2021_frame(), jindal2021_material_tables()
+    except MissingData as error:
+        pytest.skip(str(error))
+    frame = frame_from_jindal2021(
+        motion_x=stored.motion_x,
+        motion_y=stored.motion_y,
+        material=stored.material,
+        mip_level=stored.mip_level,
+        luminance=50,
+    )
+    tables = TablesJindal2021(materials.coefficients, materials.names)
+    return frame, TableOracle(tables)
+
+
+def test_qualities_of_the_authors_frame(scifi):
+    """Golden: the same tables in GNU Octave 7.3, 2026-11-22, tiles row by row."""
+    frame, oracle = scifi
+    quality = oracle.quality(frame, 60)
+    with np.load(GOLDEN) as stored:
+        expected = stored["quality_jnd"]
+    # In single precision the terms of the polynomials, up to 0.3 JND each, cancel.
+    rtol = 1e-12 if jax.config.read("jax_enable_x64") else 2e-6
+    np.testing.assert_allclose(quality, expected, rtol=rtol)
+
+
+def test_map_of_the_authors_frame(scifi):
+    frame, oracle = scifi
+    found = greedy_jindal2021(oracle.quality(frame, 60), RATES.relative_cost, 32160)
+    with np.load(GOLDEN) as stored:
+        expected = greedy_jindal2021(stored["quality_jnd"], stored["cost"], 32160)
+    # Rounding in single precision may order nearly equal ratios differently.
+    allowed = 0 if jax.config.read("jax_enable_x64") else 4
+    assert np.sum(found.rate != expected.rate) <= allowed
+    np.testing.assert_allclose(found.quality, expected.quality, rtol=1e-6)
+    assert oracle.count_outside(frame, 60) == 0
+    assert oracle.count_outside(frame, 144) == 67 * 120
+
+
+def small():
+    frame = Frame(
+        texture=np.array([[0, 1, 1], [1, 0, 0]]),
+        mip_level=np.array([[0.0, 1, 2], [3, 4, 5]]),
+        velocity_x=np.array([[0.0, 1, 2], [3, 4, 60]]),
+        velocity_y=np.array([[5.0, 4, 3], [2, 1, 0]]),
+        luminance=np.array([[1.0, 5, 25], [125, 50, 10]]),
+    )
+    coefficients = np.random.default_rng(0).normal(size=(2, 12, 2, 10)) * 0.01
+    return frame, TableOracle(TablesJindal2021(coefficients, ("a", "b")))
+
+
+def test_tiles_are_numbered_row_by_row():
+    frame, oracle = small()
+    quality = oracle.quality(frame, 60)
+    assert quality.shape == (6, 7)
+    for row in range(2):
+        for column in range(3):
+            tile = jax.tree.map(
+                lambda x, i=row, j=column: x[i : i + 1, j : j + 1], frame
+            )
+            alone = oracle.quality(tile, 60)
+            np.testing.assert_array_equal(quality[3 * row + column], alone[0])
+    assert oracle.count_outside(frame, 60) == 1
+
+
+def test_one_compilation_serves_every_frame_and_table():
+    frame, oracle = small()
+    traced = eqx.debug.assert_max_traces(TableOracle.quality, max_traces=1)
+    compiled = eqx.filter_jit(traced)
+    for rate in (30.0, 60.0):
+        for each in (frame, jax.tree.map(lambda x: x // 2, frame)):
+            got = compiled(oracle, each, jnp.asarray(rate))
+            expected = oracle.quality(each, rate)
+            np.testing.assert_allclose(got, expected, rtol=1e-5)
+    with pytest.raises(RuntimeError, match="`frame.texture` must be less than"):
+        compiled(
+            oracle,
+            eqx.tree_at(lambda f: f.texture, frame, frame.texture + 1),
+            jnp.asarray(60.0),
+        )
+
+
+def test_what_cannot_be_judged_is_named():
+    frame, oracle = small()
+    unknown = eqx.tree_at(lambda f: f.texture, frame, frame.texture + 1)
+    with pytest.raises(ValueError, match="textures in the tables, 2, got 2"):
+        oracle.quality(unknown, 60)
+    with pytest.raises(ValueError, match="`refresh_rate` must be > 0 Hz, got 0"):
+        oracle.quality(frame, 0)
+
+
+def test_an_oracle_must_tell_qualities():
+    with pytest.raises(TypeError, match="abstract"):
+        AbstractQualityOracle()  # pyright: ignore[reportAbstractUsage]
