@@ -1,7 +1,15 @@
 import functools
+import os
+from pathlib import Path
 
 import jax
 import pytest
+
+
+# Public files that may not be shipped, if they lie beside the checkout.
+BESIDE = Path(__file__).parents[2] / "shared" / "data"
+if BESIDE.is_dir():
+    os.environ.setdefault("CAMOJAB_DATA_DIR", str(BESIDE))
 
 
 def pytest_addoption(parser):

@@ -1,0 +1,34 @@
+# Needs python3 (3.11 or newer) with pip, and nothing else.
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+OUT ?= out
+PYTEST_FLAGS ?= -n auto
+
+.PHONY: run test smoke lint clean
+
+# The main job on built-in data: constants, tables, a rate map and a report.
+run: $(VENV)/run.installed
+	$(BIN)/alsarr run -o $(OUT)
+
+# Both precisions: double first, then JAX's default.
+test: $(VENV)/test.installed
+	$(BIN)/python -m pytest $(PYTEST_FLAGS)
+	$(BIN)/python -m pytest $(PYTEST_FLAGS) --float32
+
+# The golden values alone, to try another Python.
+smoke: $(VENV)/test.installed
+	$(BIN)/python -m pytest tests/test_quality.py tests/test_csf.py tests/alsarr/test_alsarr_greedy.py
+
+lint: $(VENV)/dev.installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+$(VENV)/%.installed: pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.$(if $(filter-out run,$*),[$*])'
+	touch $@
+
+clean:
+	rm -rf $(VENV) $(OUT) dist
