@@ -1,4 +1,5 @@
-from . import datasets as datasets, fit as fit, votes as votes
+from . import datasets as datasets, fit as fit, plotting as plotting, votes as votes
+from ._columns import TableError as TableError
 from ._csf import sensitivity as sensitivity
 from ._display import (
     Components as Components,
@@ -12,6 +13,7 @@ from ._parameters import (
     Parameters as Parameters,
     save_parameters as save_parameters,
 )
+from ._predict import predict as predict
 from ._quality import (
     Distortion as Distortion,
     distortion as distortion,

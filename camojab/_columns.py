@@ -101,6 +101,16 @@ def numbers(
     return values, problems
 
 
+def check_finite(name: str, values: Float[np.ndarray, " rows"]) -> None:
+    """Fail if a result is not finite, which very large or small numbers lead to."""
+    problems = [
+        Problem(int(row), f"`{name}` must be finite, got {values[row]}.")
+        for row in np.flatnonzero(~np.isfinite(values))
+    ]
+    if problems:
+        raise TableError.of(problems)
+
+
 def _number(cell: Any) -> float:
     # Python reads 1_000 as a number; no other reader of tables does.
     if isinstance(cell, str) and "_" in cell:

@@ -13,6 +13,7 @@ from jaxtyping import ArrayLike, Float, Int
 from . import datasets
 from ._columns import (
     check_columns,
+    check_finite,
     FLAG,
     FRACTION,
     not_negative,
@@ -51,7 +52,7 @@ OPTIONAL: dict[str, Rule] = {
 }
 # What a call costs beside its conditions, in conditions.
 CALL = 1
-ADDED = ("spatial_distortion", "temporal_distortion", "quality_jnd")
+ADDED: tuple[str, ...] = ("spatial_distortion", "temporal_distortion", "quality_jnd")
 
 
 def predict(
@@ -146,12 +147,8 @@ def predictions(
     conditions = _conditions(values, parameters, dtype)
     spatial, temporal = _evaluated(groups, sources, conditions, formulation, progress)
     weights = conditions.parameters
-    quality = weights.ws * spatial + weights.wt * temporal
-    if overflowing := [
-        Problem(int(row), f"`{ADDED[2]}` must be finite, got {quality[row]}.")
-        for row in np.flatnonzero(~np.isfinite(quality))
-    ]:
-        raise TableError.of(overflowing)
+    quality = np.asarray(weights.ws * spatial + weights.wt * temporal)
+    check_finite("quality_jnd", quality)
     return dict(zip(ADDED, (spatial, temporal, quality), strict=True))
 
 
@@ -293,9 +290,10 @@ def _image(path: Path) -> np.ndarray:
         if path.suffix.lower() == ".npy":
             with path.open("rb") as file:
                 return np.lib.format.read_array(file, allow_pickle=False)
-        from skimage.io import imread
+        import imageio.v3
 
-        return imread(path)
+        # Given a path, imageio leaves files open that it cannot read.
+        return imageio.v3.imread(path.read_bytes(), extension=path.suffix)
     # Each decoder has errors of its own for a file that it cannot read.
     except Exception as error:
         raise ValueError(

@@ -13,15 +13,14 @@ from typing import Annotated, Any, Literal, NamedTuple, TYPE_CHECKING
 
 import typer
 
+from ._command import environment, release, run, Unusable
+
 
 if TYPE_CHECKING:
-    from ._parameters import Formulation, Parameters
+    import camojab
 
 
 app = typer.Typer(add_completion=False)
-
-# Problems of a table that are printed before the rest is only counted.
-SHOWN = 10
 
 Precision = Annotated[
     Literal["32", "64"],
@@ -32,53 +31,43 @@ Output = Annotated[
 ]
 
 
-class Unusable(Exception):
-    """Data that cannot be used, one line a problem."""
-
-
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv`, or that of the process.
+    """Run the command line `argv`, or that of the process; returns the exit status.
 
-    **Returns:** 0 done, 1 the data cannot be used, 2 the command line is wrong, 130
-    interrupted. The reason is printed to the standard error stream.
+    0 done, 1 the data cannot be used, 2 the command line is wrong, 130 interrupted.
     """
-    command = typer.main.get_command(app)
-    args = None if argv is None else list(argv)
-    try:
-        status = command.main(args, prog_name="camojab", standalone_mode=False)
-    except typer.Abort:
-        return 130
-    except (OSError, Unusable) as error:
-        return _fail(_sentence(error), 1)
-    except Exception as error:
-        # The class of typer's own errors is another one in each of its versions.
-        if not hasattr(error, "format_message"):
-            raise
-        return _fail(_usage(error), 2)
-    return int(status or 0)
+    return run(app, "camojab", argv)
 
 
-@app.callback(invoke_without_command=True)
-def camojab(
-    context: typer.Context,
+def _print_version(context: Any, asked: bool) -> bool:
+    if asked:
+        verbose = context.params["verbose"]
+        print(environment("camojab") if verbose else f"camojab {release()}")
+        raise typer.Exit()
+    return asked
+
+
+@app.callback()
+def options(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version and leave.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, help="Print the version and leave."
+        ),
     ] = False,
     verbose: Annotated[
         bool,
+        # Eager, or its value would not be known yet when the version is printed.
         typer.Option(
-            "--verbose", help="With --version: the line to paste in a bug report."
+            "--verbose",
+            is_eager=True,
+            help="With --version: the line to paste in a bug report.",
         ),
     ] = False,
 ) -> None:
     """Judder, aliasing and blur of moving, coarsely shaded textures, in JND."""
-    if version:
-        print(environment() if verbose else f"camojab {_version('alsarr')}")
-        raise typer.Exit()
     if verbose:
-        context.fail("Option '--verbose' goes with '--version'.")
-    if context.invoked_subcommand is None:
-        context.fail("Missing command.")
+        raise typer.BadParameter("goes with --version.", param_hint="'--verbose'")
 
 
 @app.command()
@@ -139,11 +128,10 @@ def predict(
                     progress=advance,
                 )
         model = f"{statement.value}, {constants.report()}"
-    _write(output, table, added)
-    print(f"{output}: {_count(len(table.rows), 'row')}", end="")
-    kept = [name for name in table.header if name not in known()]
-    print(f"; kept as they are: {', '.join(kept)}" if kept else "")
-    print(f"camojab {_version('alsarr')}, {model}, float{precision}")
+    if "beta" in table.header:
+        model += " (but beta of each row)"
+    _write(output, table, added, known())
+    print(f"camojab {release()}, {model}, float{precision}")
 
 
 @app.command()
@@ -163,7 +151,7 @@ def sensitivity(
         import jax.numpy as jnp
         import numpy as np
 
-        from ._columns import not_negative, numbers, positive, TableError
+        from ._columns import check_finite, not_negative, numbers, positive, TableError
         from ._csf import sensitivity
 
         rules = {
@@ -177,37 +165,10 @@ def sensitivity(
             values, problems = numbers(gratings.columns(rules), rules, dtype)
             if problems:
                 raise TableError.of(problems)
-        added = {"sensitivity": np.asarray(sensitivity(*values.values()))}
-    _write(output, gratings, added)
-    print(f"{output}: {_count(len(gratings.rows), 'row')}")
-    print(f"camojab {_version('alsarr')}, float{precision}")
-
-
-def environment() -> str:
-    """One line for a bug report: versions, platform and what JAX computes with."""
-    import platform
-
-    import jax
-
-    packages = ("numpy", "jax", "equinox", "optimistix")
-    versions = [f"{name} {_version(name)}" for name in packages]
-    device = jax.devices()[0]
-    return ", ".join(
-        [
-            f"camojab {_version('alsarr')}",
-            f"python {platform.python_version()}",
-            *versions,
-            platform.platform(),
-            f"x64 {'on' if jax.config.jax_enable_x64 else 'off'}",
-            f"device {device.platform} ({device.device_kind})",
-        ]
-    )
-
-
-def _version(distribution: str) -> str:
-    from importlib.metadata import version
-
-    return version(distribution)
+            added = {"sensitivity": np.asarray(sensitivity(*values.values()))}
+            check_finite("sensitivity", added["sensitivity"])
+    _write(output, gratings, added, rules)
+    print(f"camojab {release()}, float{precision}")
 
 
 def _count(number: int, noun: str) -> str:
@@ -262,7 +223,10 @@ def _read(path: Path) -> _Table:
     return _Table(header, rows, lines)
 
 
-def _write(path: Path, table: _Table, added: Mapping[str, Any]) -> None:
+def _write(
+    path: Path, table: _Table, added: Mapping[str, Any], used: Iterable[str]
+) -> None:
+    """Write the table with the added columns, and say which ones were not used."""
     from ._files import replacing
 
     with (
@@ -275,6 +239,9 @@ def _write(path: Path, table: _Table, added: Mapping[str, Any]) -> None:
         digits = [[repr(float(value)) for value in column] for column in added.values()]
         for row, new in zip(table.rows, zip(*digits, strict=True), strict=True):
             writer.writerow([*row, *new])
+    kept = ", ".join(name for name in table.header if name not in set(used))
+    note = f"; kept as they are: {kept}" if kept else ""
+    print(f"{path}: {_count(len(table.rows), 'row')}{note}")
 
 
 def _check_output(path: Path) -> None:
@@ -305,7 +272,9 @@ def _precision(bits: str) -> AbstractContextManager[Any]:
     return jax.enable_x64(bits == "64")
 
 
-def _model(name: str | None, file: Path | None) -> tuple["Parameters", "Formulation"]:
+def _model(
+    name: str | None, file: Path | None
+) -> tuple["camojab.Parameters", "camojab.Formulation"]:
     """The constants and the formulation that they belong to."""
     from ._parameters import Formulation, load_parameters, Parameters
 
@@ -346,26 +315,3 @@ def _progress(rows: int) -> Iterator[Callable[[int], None]]:
     with Progress(console=console, transient=True, disable=silent) as bar:
         task = bar.add_task("conditions", total=rows)
         yield lambda done: bar.advance(task, done)
-
-
-def _sentence(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}."
-    if isinstance(error, OSError):
-        return str(error)
-    more = len(error.args) - SHOWN
-    shown = list(error.args[:SHOWN])
-    return "\n".join(shown + ([f"{_count(more, 'more problem')}."] if more > 0 else []))
-
-
-def _usage(error: Any) -> str:
-    message = " ".join(error.format_message().split())
-    context = getattr(error, "ctx", None)
-    path = context.command_path if context else "camojab"
-    return f"{message} See '{path} --help'."
-
-
-def _fail(message: str, status: int) -> int:
-    for line in message.splitlines():
-        print(f"camojab: {line}", file=sys.stderr)
-    return status

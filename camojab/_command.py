@@ -1,0 +1,92 @@
+"""What the command lines share; importing it is quick."""
+
+import platform
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import Any
+
+import typer
+
+
+# Problems that are printed before the rest is only counted.
+SHOWN = 10
+
+
+class Unusable(Exception):
+    """Data that cannot be used: one line a problem."""
+
+    def __init__(self, *problems: str):
+        super().__init__(*problems)
+        self.problems = problems
+
+
+def run(app: typer.Typer, program: str, argv: Sequence[str] | None) -> int:
+    """Run the command line `argv`, or that of the process.
+
+    **Returns:** 0 done, 1 the data cannot be used (`OSError` or `Unusable`), 2 the
+    command line is wrong, 130 interrupted. The reason goes to the error stream, one
+    line a problem.
+
+    **Raises:** any other exception as it is, so that a defect keeps its traceback.
+    """
+    command = typer.main.get_command(app)
+    args = None if argv is None else list(argv)
+    try:
+        status = command.main(args, prog_name=program, standalone_mode=False)
+    except typer.Abort:
+        return 130
+    except (OSError, Unusable) as error:
+        return _fail(program, _problems(error), 1)
+    except Exception as error:
+        # The class of typer's own errors is another one in each of its versions.
+        if not hasattr(error, "format_message"):
+            raise
+        return _fail(program, [_usage(program, error)], 2)
+    return int(status or 0)
+
+
+def release() -> str:
+    """The version of the distribution that both packages belong to."""
+    return version("alsarr")
+
+
+def environment(program: str) -> str:
+    """One line for a bug report: versions, platform and what JAX computes with."""
+    import jax
+    import jax.numpy as jnp
+
+    packages = ("numpy", "jax", "equinox", "optimistix")
+    device = jax.devices()[0]
+    x64 = jnp.result_type(float) == jnp.float64
+    parts = [
+        f"{program} {release()}",
+        f"python {platform.python_version()}",
+        *(f"{name} {version(name)}" for name in packages),
+        platform.platform(),
+        f"x64 {'on' if x64 else 'off'} by default",
+        f"device {device.platform} ({device.device_kind})",
+    ]
+    return ", ".join(parts)
+
+
+def _problems(error: Exception) -> list[str]:
+    if isinstance(error, Unusable):
+        more = len(error.problems) - SHOWN
+        rest = [f"{more} more problem{'s' if more > 1 else ''}."] if more > 0 else []
+        return [*error.problems[:SHOWN], *rest]
+    if isinstance(error, OSError) and error.filename is not None:
+        return [f"{error.filename}: {error.strerror}."]
+    return [str(error)]
+
+
+def _usage(program: str, error: Any) -> str:
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context else program
+    return f"{error.format_message()} See '{path} --help'."
+
+
+def _fail(program: str, problems: Sequence[str], status: int) -> int:
+    for problem in problems:
+        print(f"{program}: {' '.join(problem.split())}", file=sys.stderr)
+    return status
