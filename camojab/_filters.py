@@ -3,7 +3,11 @@
 import math
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
+
+from ._display import Shading
+from ._spectrum import SIZE
 
 
 def lorentzian(
@@ -32,3 +36,17 @@ def log_lorentzian(
 ) -> Float[Array, "*n"]:
     """Natural logarithm of `lorentzian`, exact where the blur is weak."""
     return -jnp.log1p((4.0 / math.pi * frequency * width) ** 2)
+
+
+def mipmap(
+    amplitude: Float[Array, "512 512"], shading: Shading
+) -> Float[Array, "512 512"]:
+    """The spectrum after the blur of the mip level that a coarse pixel selects.
+
+    **Source:** Jindal et al. 2021, Eq. 4, 8 and 9, in units of full-rate pixels, so
+    that the display's resolution cancels.
+    """
+    k = jnp.asarray(np.arange(-SIZE // 2, SIZE // 2), amplitude.dtype) / SIZE
+    width = 2.0**shading.mip_level / jnp.minimum(shading.rate_x, shading.rate_y)
+    transfer = lorentzian(k, width)
+    return amplitude * transfer[None, :] * transfer[:, None]

@@ -7,7 +7,6 @@ follow the crop and the replica continuously.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ._condition import (
@@ -18,13 +17,10 @@ from ._condition import (
     sensitivity_power,
 )
 from ._display import Shading
-from ._filters import lorentzian
+from ._filters import mipmap
 from ._math import safe_hypot, safe_power
 from ._sampling import below, comb, HALF
 from ._spectrum import SIZE
-
-
-_K = np.arange(-HALF, HALF)
 
 
 class PaperPool(eqx.Module):
@@ -45,10 +41,7 @@ def shade(
     amplitude: Float[Array, "512 512"], shading: Shading
 ) -> Float[Array, "257 257"]:
     """Eq. 4 to 12. Both images map a texel to a pixel, as Eq. 20 has it."""
-    k = jnp.asarray(_K, amplitude.dtype) / SIZE
-    width = 2.0**shading.mip_level / jnp.minimum(shading.rate_x, shading.rate_y)
-    mip = lorentzian(k, width)
-    filtered = amplitude * mip[None, :] * mip[:, None]
+    filtered = mipmap(amplitude, shading)
     return sample(filtered, shading.rate_x, shading.rate_y, impulses=2)
 
 

@@ -20,7 +20,7 @@ from ._condition import (
     sensitivity_power,
 )
 from ._display import Shading
-from ._filters import lorentzian
+from ._filters import mipmap
 from ._math import safe_power
 from ._sampling import HALF, released_replica, shifted
 from ._spectrum import SIZE
@@ -51,11 +51,7 @@ def shade(
     amplitude: Float[Array, "512 512"], shading: Shading
 ) -> Float[Array, "512 512"]:
     """Mipmap, one replica on each axis, Nyquist crop (`b_m rho` is free of ppd)."""
-    k = jnp.asarray(_K, amplitude.dtype) / SIZE
-    width = 2.0**shading.mip_level / jnp.minimum(shading.rate_x, shading.rate_y)
-    mip = lorentzian(k, width)
-    filtered = amplitude * mip[None, :] * mip[:, None]
-    across = released_replica(filtered, shading.rate_y)
+    across = released_replica(mipmap(amplitude, shading), shading.rate_y)
     return released_replica(across.T, shading.rate_x).T
 
 
