@@ -61,7 +61,9 @@ def digest(*parts: object) -> str:
     sha = hashlib.sha256()
     for part in parts:
         if hasattr(part, "to_csv"):
-            sha.update(part.to_csv(index=False).encode())  # pyright: ignore
+            # All digits: colour-science shortens how NumPy prints numbers.
+            text = part.to_csv(index=False, float_format="%.17g")  # pyright: ignore
+            sha.update(text.encode())
             continue
         leaves, structure = jax.tree.flatten(part)
         sha.update(str(structure).encode())

@@ -36,19 +36,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     return command.run(app, "alsarr", argv)
 
 
-@app.callback(invoke_without_command=True)
+def _print_version(asked: bool) -> bool:
+    if asked:
+        print(f"alsarr {command.release()}")
+        raise typer.Exit()
+    return asked
+
+
+@app.callback()
 def options(
-    context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version and leave.")
+        bool,
+        typer.Option(
+            "--version",
+            callback=_print_version,
+            is_eager=True,
+            help="Print the version and leave.",
+        ),
     ] = False,
 ) -> None:
     """Shading and refresh rates that buy the most quality for a budget."""
-    if version:
-        print(f"alsarr {command.release()}")
-        raise typer.Exit()
-    if context.invoked_subcommand is None:
-        context.fail("Missing command.")
 
 
 @app.command()

@@ -118,7 +118,9 @@ def fields(
     return (
         Field(jnp.log(reference) + static, area * within),
         Field(jnp.log(shaded) + blur + static, area * coarse),
-        Field(jnp.log(shaded) + flicker, area * inside * c.components.judder),
+        Field(
+            jnp.log(shaded) + flicker, jnp.where(c.components.judder, area * inside, 0)
+        ),
     )
 
 

@@ -100,7 +100,7 @@ def fields(
     return (
         Field(jnp.log(amplitude) + still, weight),
         Field(jnp.log(shaded) + blur + still, weight),
-        Field(jnp.log(moved) + flicker, weight * c.components.judder),
+        Field(jnp.log(moved) + flicker, jnp.where(c.components.judder, weight, 0)),
     )
 
 
