@@ -13,6 +13,16 @@ from ._rates import RATES
 from .solve import greedy_jindal2021, Selection
 
 
+# What the readers of archives raise for a damaged one.
+_DAMAGED = (
+    ValueError,
+    EOFError,
+    RuntimeError,
+    zlib.error,
+    zipfile.BadZipFile,
+)
+
+
 def choose(path: Path, budget: float) -> Selection:
     """Algorithm 1 on the qualities and costs of a file.
 
@@ -54,11 +64,13 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
             raise ValueError(f"{path}: must be an NPZ file.")
         try:
             stored = np.load(file, allow_pickle=False)
-            quality, cost = (np.asarray(stored[k]) for k in ("quality_jnd", "cost"))
-        except KeyError as error:
-            raise ValueError(f"{path}: must hold {error.args[0]}.") from error
-        except (ValueError, zlib.error, zipfile.BadZipFile) as error:
+            arrays = {name: np.asarray(stored[name]) for name in stored.files}
+        except _DAMAGED as error:
             raise ValueError(f"{path}: must hold whole, plain arrays.") from error
+    for name in ("quality_jnd", "cost"):
+        if name not in arrays:
+            raise ValueError(f"{path}: must hold {name}.")
+    quality, cost = arrays["quality_jnd"], arrays["cost"]
     for name, array in (("quality_jnd", quality), ("cost", cost)):
         if array.dtype.kind not in "iuf":
             raise ValueError(f"{path}: {name} must hold numbers, got {array.dtype}.")

@@ -14,7 +14,7 @@ from camojab import fit, Formulation, Parameters, save_parameters, Spectrum
 from ._inputs import Inputs
 from ._rates import RATES
 from ._report import write_report
-from ._stages import digest, Result, Stages
+from ._stages import Result, Stages
 from .export import write_rates_bin, write_rates_png
 from .oracle import TableOracle
 from .solve import greedy_jindal2021
@@ -63,8 +63,7 @@ def run(
 
     **Raises:** `ValueError` for a budget out of range or below the coarsest map.
     """
-    if not 0 < budget <= 1:
-        raise ValueError(f"`budget` must be in (0, 1], got {budget:g}.")
+    check_budget(budget)
     stages, release = Stages(out), version("alsarr")
     data = (release, inputs.observations.table, dict(inputs.observations.textures))
 
@@ -91,7 +90,15 @@ def run(
     quote = _quote(release, inputs, parameters)
     _, reported = stages.run(
         "report",
-        (digest(*data), found, made, solved, quote),
+        (
+            *data,
+            inputs.frame,
+            dict(inputs.published),
+            found,
+            made,
+            solved,
+            quote,
+        ),
         ["report.html"],
         lambda: write_report(out, inputs, found, made, solved, quote),
     )
@@ -99,6 +106,18 @@ def run(
     new = (fitted, distilled, mapped, reported)
     computed = tuple(n for n, is_new in zip(names, new, strict=True) if is_new)
     return Outcome(found, made, solved, quote, computed)
+
+
+def check_budget(budget: float) -> None:
+    """Fail for a budget out of range or below the coarsest map, before any work."""
+    if not 0 < budget <= 1:
+        raise ValueError(f"`budget` must be in (0, 1], got {budget:g}.")
+    least = RATES.cost.min() / RATES.cost.max()
+    if budget < least:
+        raise ValueError(
+            f"`budget` must be at least {least:g}, the cost of 4x4 everywhere, got "
+            f"{budget:g}."
+        )
 
 
 def _fit(inputs: Inputs, out: Path, progress: Callable[[int, int], None]) -> Result:

@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import jax
 import numpy as np
@@ -41,8 +41,9 @@ class Stages:
         """
         key = digest(*inputs)
         known = self._known.get(name)
-        if known and known["inputs"] == key and self._intact(known["files"], files):
-            return known["result"], False
+        if _is_entry(known) and known["inputs"] == key:
+            if self._intact(known["files"], files):
+                return known["result"], False
         result = compute()
         made = {file: _checksum(self.folder / file) for file in files}
         self._known[name] = {"inputs": key, "files": made, "result": result}
@@ -74,13 +75,22 @@ def digest(*parts: object) -> str:
     return sha.hexdigest()
 
 
+def _is_entry(known: Any) -> TypeGuard[dict[str, Any]]:
+    """Whether an entry of the record has its parts; another one is done again."""
+    kinds = {"inputs": str, "files": dict, "result": dict}
+    return isinstance(known, dict) and all(
+        isinstance(known.get(name), kind) for name, kind in kinds.items()
+    )
+
+
 def _checksum(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _read(path: Path) -> dict[str, Any]:
+    # A damaged record only costs doing the work again.
     try:
-        return json.loads(path.read_text())
+        known = json.loads(path.read_text())
     except (FileNotFoundError, ValueError):
-        # A damaged record only costs doing the work again.
         return {}
+    return known if isinstance(known, dict) else {}

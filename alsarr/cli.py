@@ -92,8 +92,13 @@ def run(
     if output.exists() and not output.is_dir():
         raise command.Unusable(f"{output}: must be a folder to write into.")
     with _usable(), _progress() as progress:
+        from camojab import Display
+
         from ._inputs import builtin_inputs, jindal2021_inputs
-        from ._run import run as job
+        from ._run import check_budget, run as job
+
+        check_budget(budget)
+        Display(ppd=ppd, refresh_rate=refresh_rate, luminance=luminance)
 
         progress("data", 0, 1)
         if data == "builtin":
@@ -127,6 +132,8 @@ def solve(
     with _usable():
         from ._rate_choice import choose, save_choice
 
+        if output.is_dir():
+            raise ValueError(f"{output}: must be a file to write, got a folder.")
         chosen = choose(quality, budget)
         save_choice(output, chosen)
     total = f"{float(chosen.quality):.6g} JND for a cost of {float(chosen.cost):g}"

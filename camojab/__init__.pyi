@@ -1,4 +1,11 @@
-from . import datasets as datasets, fit as fit, plotting as plotting, votes as votes
+from . import (
+    baselines as baselines,
+    comparison as comparison,
+    datasets as datasets,
+    fit as fit,
+    plotting as plotting,
+    votes as votes,
+)
 from ._columns import TableError as TableError
 from ._csf import sensitivity as sensitivity
 from ._display import (

@@ -222,6 +222,12 @@ def _sensitivity(
 
 def broadcast(*arrays: Float[Array, "..."]) -> tuple[Float[Array, "..."], ...]:
     """Arrays of one dtype and shape, whatever JAX's rank promotion is set to."""
-    shape = np.broadcast_shapes(*(a.shape for a in arrays))
+    try:
+        shape = np.broadcast_shapes(*(a.shape for a in arrays))
+    except ValueError as error:
+        shapes = [a.shape for a in arrays]
+        raise ValueError(
+            f"the shapes of the arguments must broadcast together, got {shapes}."
+        ) from error
     dtype = jnp.result_type(*arrays)
     return tuple(jnp.broadcast_to(a.astype(dtype), shape) for a in arrays)

@@ -17,15 +17,16 @@ class _Conditions(eqx.Module):
     def report(self) -> str:
         """One line to quote beside any number: every field, its value and its unit."""
         return ", ".join(
-            f"{name}={_brief(getattr(self, name))} [{unit}]"
+            f"{name}={brief(getattr(self, name))} [{unit}]"
             for name, unit in self.UNITS.items()
         )
 
 
-def _brief(x: Array) -> str:
+def brief(x: Array, digits: int = 6) -> str:
+    """A value, or the ends of many, for a report line."""
     if x.ndim == 0:
-        return f"{float(x):.6g}"
-    return f"{float(x.min()):.6g}..{float(x.max()):.6g}"
+        return f"{float(x):.{digits}g}"
+    return f"{float(x.min()):.{digits}g}..{float(x.max()):.{digits}g}"
 
 
 class Display(_Conditions):
@@ -96,8 +97,10 @@ class Display(_Conditions):
         `distance_m` [m], > 0; the rest as for `Display`.
         """
         for name, value in (("diagonal_m", diagonal_m), ("distance_m", distance_m)):
-            if not value > 0:
-                raise ValueError(f"`{name}` must be > 0 m, got {value:g}.")
+            if not 0 < value < math.inf:
+                raise ValueError(f"`{name}` must be finite and > 0 m, got {value:g}.")
+        if min(resolution_px) <= 0:
+            raise ValueError(f"`resolution_px` must be > 0 px, got {resolution_px}.")
         pixel_m = diagonal_m / math.hypot(*resolution_px)
         ppd = 1.0 / math.degrees(2.0 * math.atan(pixel_m / (2.0 * distance_m)))
         return cls(

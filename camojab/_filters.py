@@ -47,6 +47,8 @@ def mipmap(
     that the display's resolution cancels.
     """
     k = jnp.asarray(np.arange(-SIZE // 2, SIZE // 2), amplitude.dtype) / SIZE
-    width = 2.0**shading.mip_level / jnp.minimum(shading.rate_x, shading.rate_y)
+    # Beyond 2^60 texels nothing is left of a texture of 2^9, and 2^128 would overflow.
+    texels = 2.0 ** jnp.minimum(shading.mip_level, 60)
+    width = texels / jnp.minimum(shading.rate_x, shading.rate_y)
     transfer = lorentzian(k, width)
     return amplitude * transfer[None, :] * transfer[:, None]

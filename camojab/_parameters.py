@@ -9,6 +9,7 @@ from pathlib import Path
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
+from ._display import brief
 from ._errors import check
 from ._files import write_text
 from ._shipped import shipped
@@ -71,7 +72,7 @@ class Parameters(eqx.Module):
 
     def report(self) -> str:
         """One line to quote beside any number."""
-        return ", ".join(f"{k}={float(v):.8g}" for k, v in vars(self).items())
+        return ", ".join(f"{k}={brief(v, 8)}" for k, v in vars(self).items())
 
 
 def _finite(x: Array) -> Array:
@@ -95,12 +96,12 @@ def save_parameters(
     to the file, which `load_parameters` leaves alone.
     """
     document = {
+        **(details or {}),
         "schema": SCHEMA,
         "formulation": formulation.value,
         "parameters": {name: float(getattr(parameters, name)) for name in UNITS},
         "units": UNITS,
         "provenance": provenance,
-        **(details or {}),
     }
     write_text(path, json.dumps(document, indent=1) + "\n")
 
@@ -114,9 +115,15 @@ def load_parameters(path: str | Path) -> tuple[Parameters, Formulation]:
         document = json.loads(Path(path).read_text())
         values = dict(document["parameters"])
         formulation = Formulation(document["formulation"])
-        known = {name: float(values.pop(name)) for name in UNITS if name in values}
+        known = {name: values.pop(name) for name in UNITS if name in values}
         if values:
             raise ValueError(f"unknown parameter {next(iter(values))!r}")
+        missing = [name for name in ("ws", "wt", "beta") if name not in known]
+        if missing:
+            raise ValueError(f"parameter {missing[0]!r} is missing")
+        for name, value in known.items():
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError(f"parameter {name!r} must be a number, got {value!r}")
         return Parameters(**known), formulation
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: not a parameter file: {error}.") from error

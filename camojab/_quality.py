@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from . import _paper, _released
 from ._condition import Condition, flattened
+from ._csf import broadcast
 from ._display import Components, Display, Shading, Viewing
 from ._parameters import Formulation, Parameters
 from ._spectrum import Spectrum
@@ -66,7 +67,10 @@ def quality(
         formulation=formulation,
         components=components,
     )
-    return parameters.ws * parts.spatial + parameters.wt * parts.temporal
+    ws, wt, spatial, temporal = broadcast(
+        parameters.ws, parameters.wt, parts.spatial, parts.temporal
+    )
+    return ws * spatial + wt * temporal
 
 
 def distortion(
@@ -175,6 +179,7 @@ def pooled_quality(
     condition = Condition(display, viewing, Shading(), Components(), parameters)
     shape, conditions = flattened(condition, parameters.beta.dtype)
 
+    @jax.checkpoint
     def one(c: Condition) -> Array:
         spatial, temporal = chain.evaluate(pooled.energies, c)
         return c.parameters.ws * spatial + c.parameters.wt * temporal

@@ -6,6 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from ._errors import check, shown
+
 
 SIZE = 512
 
@@ -51,7 +53,7 @@ class Spectrum(eqx.Module):
         **Source:** Jindal et al. 2021, Eq. 3; the size is that of the released program.
         """
         if isinstance(texture, jax.core.Tracer):
-            return cls(_amplitude(texture, jnp))
+            return cls(_amplitude(_traced(texture, encoding), jnp))
         return cls(jnp.asarray(_amplitude(_grey(texture, encoding), np), float))
 
     def transposed(self) -> "Spectrum":
@@ -87,6 +89,12 @@ def luminance(texture: ArrayLike, *, encoding: str) -> Float[np.ndarray, "rows c
         values = np.asarray(space.cctf_decoding(values), float)
     if values.ndim == 3:
         values = values @ np.asarray(space.matrix_RGB_to_XYZ)[1]
+    # Rounding of the transfer function is none of the caller's business.
+    if values.max() > 1.0 + 1e-6:
+        raise ValueError(
+            f"`encoding` must not give more light than white, as {encoding!r} does: "
+            f"got {values.max():g}."
+        )
     return np.clip(values, 0.0, 1.0)
 
 
@@ -102,20 +110,38 @@ def _grey(texture: ArrayLike, encoding: str | None) -> Float[np.ndarray, "rows c
     return values
 
 
+def _traced(texture: Array, encoding: str | None) -> Float[Array, "rows cols"]:
+    """The rules of `_checked` for a texture inside a JAX transformation."""
+    if encoding is not None:
+        raise ValueError(
+            "`encoding` must be left out under a JAX transformation (decode with "
+            f"`luminance` before), got {encoding!r}."
+        )
+    if texture.ndim == 3 and texture.shape[2] in (3, 4):
+        raise ValueError("`encoding` must be named for a colour texture, got None.")
+    _check_shape(texture.shape)
+    if jnp.issubdtype(texture.dtype, jnp.integer):
+        texture = texture / jnp.iinfo(texture.dtype).max
+    values = texture.astype(jnp.result_type(float))
+    return check("texture", values, lambda x: (x >= 0) & (x <= 1), "in [0, 1]")
+
+
+def _check_shape(shape: tuple[int, ...]) -> None:
+    if len(shape) != 2 and not (len(shape) == 3 and shape[2] in (3, 4)):
+        raise ValueError(
+            "`texture` must have shape [height, width], [height, width, 3] or "
+            f"[height, width, 4], got {list(shape)}."
+        )
+    if 0 in shape:
+        raise ValueError(f"`texture` must have at least one texel, got {list(shape)}.")
+
+
 def _checked(texture: ArrayLike) -> Float[np.ndarray, "..."]:
     """Values in [0, 1], transparency left out."""
     array = np.asarray(texture)
-    if array.ndim == 3 and array.shape[2] in (3, 4):
+    _check_shape(array.shape)
+    if array.ndim == 3:
         array = array[..., :3]
-    elif array.ndim != 2:
-        raise ValueError(
-            "`texture` must have shape [height, width], [height, width, 3] or "
-            f"[height, width, 4], got {list(array.shape)}."
-        )
-    if array.size == 0:
-        raise ValueError(
-            f"`texture` must have at least one texel, got {list(array.shape)}."
-        )
     if array.dtype == bool:
         return array.astype(float)
     if np.issubdtype(array.dtype, np.integer):
@@ -123,12 +149,12 @@ def _checked(texture: ArrayLike) -> Float[np.ndarray, "..."]:
         if low < 0:
             raise ValueError(f"`texture` must not be negative, got {low}.")
         return array / np.iinfo(array.dtype).max
-    if not np.issubdtype(array.dtype, np.floating):
+    if not jnp.issubdtype(array.dtype, jnp.floating):
         raise ValueError(f"`texture` must hold real numbers, got {array.dtype}.")
     values = array.astype(float)
     bad = ~((values >= 0) & (values <= 1))
     if bad.any():
-        raise ValueError(f"`texture` must be in [0, 1], got {values[bad][0]:g}.")
+        raise ValueError(f"`texture` must be in [0, 1], got {shown(values[bad][0])}.")
     return values
 
 

@@ -69,7 +69,7 @@ def test_shapes_broadcast_like_separate_calls(formulation):
             np.testing.assert_allclose(together.temporal[i, j], alone.temporal, RTOL)
 
 
-@pytest.mark.parametrize("shape", [(), (4,), (3, 1), (2, 1, 1)])
+@pytest.mark.parametrize("shape", [(), (4,), (3, 1)])
 def test_weights_broadcast_too(shape):
     ws = -np.arange(1.0, 1.0 + np.prod(shape, dtype=int)).reshape(shape)
     args = (
@@ -91,10 +91,12 @@ def test_no_conditions_give_no_values():
     assert value.shape == (0, 3)
 
 
-def test_python_numbers_and_integers_are_taken():
+def test_numbers_of_any_type_are_taken():
     args = Viewing(5), Shading(rate_x=1, mip_level=2), PARAMETERS
     ours = quality(
-        spectrum(), Display(ppd=60, refresh_rate=50, luminance=np.int32(80)), *args
+        spectrum(),
+        Display(ppd=60, refresh_rate=np.float32(50), luminance=np.int32(80)),
+        *args,
     )
     exact = quality(
         spectrum(), Display(ppd=60.0, refresh_rate=50.0, luminance=80.0), *args
@@ -120,14 +122,8 @@ def test_transformations_give_the_same_values(formulation):
         )
 
     expected = of(texture, velocity)
-    total = jax.value_and_grad(lambda v: of(texture, v).sum())
-    summed, slopes = jax.jit(total)(velocity)
-    np.testing.assert_allclose(summed, expected.sum(), RTOL)
-    one = jax.value_and_grad(of, 1)
-    mapped, mapped_slopes = jax.jit(jax.vmap(one, (None, 0)))(texture, velocity)
+    mapped = jax.jit(jax.vmap(of, (None, 0)))(texture, velocity)
     np.testing.assert_allclose(mapped, expected, RTOL)
-    # In single precision the sums of a slope nearly cancel.
-    np.testing.assert_allclose(mapped_slopes, slopes, rtol=1e-9 if X64 else 1e-2)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -195,10 +191,10 @@ def test_vmap_pools_several_rates():
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_slope_through_the_pool(formulation):
+def test_slopes_one_by_one_through_the_pool_are_those_of_the_batch(formulation):
     texture = spectrum()
 
-    def direct(rate, velocity):
+    def total(rate, velocity):
         return quality(
             texture,
             Display(**DISPLAY),
@@ -206,17 +202,20 @@ def test_slope_through_the_pool(formulation):
             Shading(rate_x=rate),
             PARAMETERS,
             formulation=formulation,
-        )
+        ).sum()
 
-    def through(rate, velocity):
+    def pooled_one(rate, velocity):
         pooled = pool(
             texture, Shading(rate_x=rate), PARAMETERS, formulation=formulation
         )
         return pooled_quality(pooled, Display(**DISPLAY), Viewing(velocity))
 
-    point = jnp.asarray(0.5, float), jnp.asarray(20.0, float)
-    both = lambda *p: (jax.grad(through, (0, 1))(*p), jax.grad(direct, (0, 1))(*p))
-    ours, exact = jax.jit(both)(*point)
+    @jax.jit
+    def slopes(*point):
+        one_by_one = jax.vmap(jax.grad(pooled_one, (0, 1)))
+        return one_by_one(*point), jax.grad(total, (0, 1))(*point)
+
+    ours, exact = slopes(jnp.array([0.5, 0.31]), jnp.array([20.0, 60.0]))
     # In single precision the sums of a slope nearly cancel.
     rtol, atol = (1e-9, 0) if X64 else (1e-2, 1e-4)
     np.testing.assert_allclose(ours, exact, rtol=rtol, atol=atol)

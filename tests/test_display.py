@@ -99,6 +99,15 @@ def test_an_error_deep_inside_a_jitted_quality():
         of(jnp.asarray(10.0), jnp.asarray(0.0))
 
 
+def test_constants_are_checked_inside_jit():
+    low, high = jnp.asarray(-1.0), jnp.asarray(1.0)
+    with_constant = lambda c: eqx.filter_jit(lambda x: Viewing(c).velocity + x)(1.0)
+    assert with_constant(high) == with_constant(1.0) == 2
+    for constant in (low, -1.0):
+        with pytest.raises(RuntimeError, match="`velocity` must be finite and >= 0"):
+            with_constant(constant)
+
+
 def test_errors_inside_vmap():
     display = jax.vmap(lambda v: Display(**DISPLAY | {"ppd": v}))
     with pytest.raises(RuntimeError, match="`ppd` must be finite and > 0 px/deg"):
@@ -169,6 +178,12 @@ def test_flags_inside_jit_are_boolean():
         make(jnp.asarray(1))
 
 
+def test_constant_flags_inside_jit_may_be_numbers():
+    make = eqx.filter_jit(lambda x: Components(vrs=1, judder=0))
+    components = make(jnp.zeros(()))
+    assert components.vrs and not components.judder
+
+
 # ---- values
 
 
@@ -221,9 +236,9 @@ def test_geometry():
 @pytest.mark.parametrize(
     "changes, named",
     [
-        ({"diagonal_m": 0.0}, "`diagonal_m` must be > 0 m, got 0."),
-        ({"distance_m": -1.0}, "`distance_m` must be > 0 m, got -1."),
-        ({"distance_m": np.nan}, "`distance_m` must be > 0 m, got nan."),
+        ({"diagonal_m": 0.0}, "`diagonal_m` must be finite and > 0 m, got 0."),
+        ({"distance_m": -1.0}, "`distance_m` must be finite and > 0 m, got -1."),
+        ({"distance_m": np.nan}, "`distance_m` must be finite and > 0 m, got nan."),
     ],
 )
 def test_geometry_errors(changes, named):

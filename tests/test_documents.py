@@ -43,5 +43,3 @@ def test_document_runs(name, tmp_path):
         text=True,
     )
     assert done.returncode == 0, done.stderr
-
-

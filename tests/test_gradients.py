@@ -177,7 +177,8 @@ def test_slopes_are_finite_and_alike_at_corners(formulation, texture):
     _, backward, forward = compiled(formulation)
     amplitude = amplitude_of(texture)
     rtol, atol = (1e-10, 1e-12) if X64 else (1e-3, 1e-3)
-    for x in (*CORNERS, *POINTS[2:4]):
+    # In double precision the points have tests of their own.
+    for x in CORNERS if X64 else (*CORNERS, *POINTS):
         slope, by_amplitude = backward(x, amplitude)
         assert np.isfinite(slope).all() and np.isfinite(by_amplitude).all()
         np.testing.assert_allclose(slope, forward(x, amplitude), rtol=rtol, atol=atol)

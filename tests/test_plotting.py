@@ -222,6 +222,7 @@ def test_figures_can_be_saved_and_leave_settings_alone(table, draw):
     assert list(table.columns) == columns
 
 
+@pytest.mark.float64  # another process, which takes no notice of the precision here
 def test_pyplot_is_not_imported():
     code = """
 import io, sys

@@ -55,7 +55,8 @@ def test_golden(real_data, texture):
         GOLDEN, delimiter=",", names=True, dtype=None, encoding="utf-8"
     )
     rows = rows[rows["texture"] == texture]
-    assert len(rows) >= 37
+    assert 37 <= len(rows) <= 48
+    rows = np.resize(rows, 48)  # repeated to one length, so as to compile once
     ours = distortion(
         Spectrum.from_texture(datasets.jindal2021_textures()[texture]),
         Display(
@@ -161,11 +162,32 @@ def test_like_the_transcription(texture, c):
     # its error is in proportion to them.
     energy = reference_energy(spectrum, c)
     np.testing.assert_allclose(
-        ours.spatial, spatial, rtol=0, atol=(1e-10 if X64 else 1e-5) * energy
+        ours.spatial, spatial, rtol=0, atol=(1e-11 if X64 else 1e-5) * energy
     )
     np.testing.assert_allclose(
-        ours.temporal, temporal, rtol=1e-8 if X64 else 1e-4, atol=1e-12 * energy
+        ours.temporal, temporal, rtol=1e-10 if X64 else 1e-4, atol=1e-12 * energy
     )
+
+
+@pytest.mark.parametrize("velocity", [0.0, 0.05, 0.12])
+def test_slow_motion_like_the_transcription(velocity):
+    # Below 0.1 deg/s the program takes 0.1 for the replica, which only a very slow
+    # display with very small pixels moves by less than the whole spectrum: 25.6 bins.
+    c = {"luminance": 50.0, "refresh_rate": 1.0, "ppd": 100.0, "persistence": 0.1}
+    texture = dense_texture()
+    _, expected = reference.distortion(
+        reference.amplitude(texture),
+        **c | {"velocity": velocity, "rate_x": 1, "rate_y": 1, "mip_level": 0},
+    )
+    ours = distortion(
+        Spectrum.from_texture(texture),
+        Display(**c),
+        Viewing(velocity),
+        None,
+        Parameters(**FITTED),
+    )
+    assert expected > 0.01
+    np.testing.assert_allclose(ours.temporal, expected, rtol=1e-10 if X64 else 1e-4)
 
 
 def reference_energy(spectrum, c):
@@ -303,7 +325,7 @@ def test_quality_follows_each_quantity_as_people_do(formulation):
         formulation=formulation,
     )
     increasing = lambda q: bool((np.diff(np.asarray(q)) > 0).all())
-    assert increasing(value(rate_x=np.array([0.25, 0.5, 1.0])))
+    assert increasing(value(rate_x=np.array([0.125, 0.25, 0.5, 1.0])))
     assert increasing(value({"refresh_rate": np.array([30.0, 60.0, 120.0, 240.0])}))
     assert increasing(value(velocity=np.array([60.0, 30.0, 10.0, 5.0])))
     assert increasing(value({"persistence": np.array([1.0, 0.5, 0.2, 0.05])}))

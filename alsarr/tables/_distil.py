@@ -69,10 +69,15 @@ def distil(
     **Returns:** tables of quality relative to 4x4 shading, with their errors on the
     sampled conditions.
 
-    **Raises:** as `Display`, `Shading` and `QualityTables`.
+    **Raises:** `ValueError` if there is no texture, or no rising list of mip levels; as
+    `Display` and `Shading`.
 
     **Source:** Jindal et al. 2021, Eq. 28, 29 and 31.
     """
+    if not textures:
+        raise ValueError("`textures` must have at least one texture, got none.")
+    if not mip_levels or sorted(set(mip_levels)) != list(mip_levels):
+        raise ValueError(f"`mip_levels` must be one or more, rising, got {mip_levels}.")
     parameters = parameters or Parameters.published(formulation)
     velocity, refresh_rate, log10_luminance = (grid or Grid()).samples()
     display = Display(

@@ -81,7 +81,7 @@ def _histogram(field: Field, cells: int) -> tuple[np.ndarray, np.ndarray]:
     if not log.size:
         return np.zeros(cells), np.zeros(cells)
     low, high = log.min(), log.max()
-    scale = (cells - 1) / max(high - low, np.finfo(float).tiny)
+    scale = (cells - 1) / (high - low) if high > low else 0.0
     cell = ((log - low) * scale).astype(np.intp)
     total = np.bincount(cell, weight, cells)
     first = np.bincount(cell, weight * log, cells)

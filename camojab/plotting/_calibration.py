@@ -1,5 +1,6 @@
 """Measured quality beside the model's, laid out as Figure 7 of Jindal et al. 2021."""
 
+from itertools import cycle
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +30,7 @@ def quality_by_shading_rate(
     rows: Any = table.assign(predicted=predicted, size=1.0 / table["rate_x"])
     rows = _where(rows, rows.groupby("data_set")["size"].nunique() > 1)
     blocks = list(dict.fromkeys(rows["block"]))
-    colours = dict(zip(dict.fromkeys(rows["texture"]), _COLOURS, strict=False))
+    colours = dict(zip(dict.fromkeys(rows["texture"]), cycle(_COLOURS), strict=False))
     widest = rows.groupby("block")["velocity_deg_s"].nunique().max()
     figure, axes = _panels(len(blocks), int(widest))
     for line, block in enumerate(blocks):
@@ -61,7 +62,7 @@ def quality_by_refresh_rate(
     for axis, block in zip(axes[0], blocks, strict=True):
         panel = rows[rows["block"] == block]
         members = panel.groupby("velocity_deg_s", sort=True)
-        for colour, (velocity, points) in zip(_COLOURS, members, strict=False):
+        for colour, (velocity, points) in zip(cycle(_COLOURS), members, strict=False):
             points = points.sort_values("refresh_rate_hz")
             _draw(axis, points, "refresh_rate_hz", f"{velocity:g} deg/s", colour)
         axis.set_title(str(block), fontsize=9)

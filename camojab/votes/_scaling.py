@@ -143,6 +143,8 @@ def _gaussian(
 def _check_counts(counts: Float[np.ndarray, "..."]) -> None:
     if counts.ndim != 2 or counts.shape[0] != counts.shape[1]:
         raise ValueError(f"`wins` must be square, got {list(counts.shape)}.")
+    if len(counts) < 2:
+        raise ValueError(f"`wins` must have two conditions or more, got {len(counts)}.")
     if not (np.isfinite(counts) & (counts >= 0)).all():
         raise ValueError("`wins` must hold non-negative counts only.")
     pieces = _components(counts + counts.T)

@@ -229,12 +229,14 @@ def test_number_and_order_of_the_parts_count():
 def test_equal_inputs_have_equal_digests():
     grid = np.arange(6).reshape(2, 3)
     # Neither memory order, nor the order of keys, nor the index of a table matters.
-    assert digest(grid) == digest(np.asfortranarray(grid)) == digest(jnp.array(grid))
+    assert digest(grid) == digest(np.asfortranarray(grid))
+    assert digest(jnp.ones(3)) == digest(np.asarray(jnp.ones(3)))
     assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
     assert digest(TABLE) == digest(TABLE.copy()) == digest(TABLE.set_index([[7, 9]]))
     assert digest(Tree(jnp.ones(2), "a")) == digest(Tree(jnp.ones(2), "a"))
 
 
+@pytest.mark.float64  # other processes, which take no notice of the precision here
 def test_another_process_has_the_same_digests():
     code = """
 import numpy as np
