@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from camojab import fit, Formulation, Parameters, save_parameters, Spectrum
+from camojab import fit, Parameters, Spectrum
 
 from ._inputs import Inputs
 from ._rates import RATES
@@ -124,12 +124,10 @@ def _fit(inputs: Inputs, out: Path, progress: Callable[[int, int], None]) -> Res
     with jax.enable_x64(True):
         found = fit.fit(inputs.observations, progress=progress)
         rmse = {**found.rmse, "all": found.total_rmse}
-        save_parameters(
+        fit.save_fit(
             out / "parameters.json",
-            found.parameters,
-            Formulation.RELEASED,
+            found,
             provenance=f"least squares on the JND of {inputs.name}",
-            details={"rmse_jnd": rmse, "scales": found.scales},
         )
         constants = {k: float(v) for k, v in vars(found.parameters).items()}
     return {

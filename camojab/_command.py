@@ -2,15 +2,30 @@
 
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from importlib.metadata import version
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import typer
 
 
+if TYPE_CHECKING:
+    import pandas
+
+
 # Problems that are printed before the rest is only counted.
 SHOWN = 10
+
+
+class Study(NamedTuple):
+    """The files of one's own experiment."""
+
+    votes: Path
+    conditions: Path
+    textures: Path | None
+    encoding: str | None
 
 
 class Unusable(Exception):
@@ -68,6 +83,66 @@ def environment(program: str) -> str:
         f"device {device.platform} ({device.device_kind})",
     ]
     return ", ".join(parts)
+
+
+def precision(bits: str) -> AbstractContextManager[Any]:
+    """Within it JAX computes with so many bits, "32" or "64"."""
+    import jax
+
+    return jax.enable_x64(bits == "64")
+
+
+@contextmanager
+def usable(options: Mapping[str, str] | None = None) -> Iterator[None]:
+    """What the library says of data, as what the command line says of them.
+
+    `options` are the command's names for what the library calls otherwise.
+    """
+    try:
+        yield
+    except ValueError as error:
+        message = str(error)
+        for name, option in (options or {}).items():
+            message = message.replace(name, option)
+        raise Unusable(*message.splitlines()) from error
+
+
+@contextmanager
+def stages() -> Iterator[Callable[[str, int, int], None]]:
+    """A bar for each stage of the work, if the error stream is a terminal.
+
+    What it gives is called with a stage's name, the steps done and their number.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    silent = not sys.stderr.isatty()
+    with Progress(console=Console(stderr=True), transient=True, disable=silent) as bars:
+        tasks = {}
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total)
+            bars.update(tasks[stage], completed=done, total=total)
+
+        yield progress
+
+
+def print_table(
+    title: str, frame: "pandas.DataFrame", formats: Mapping[str, str] | None = None
+) -> None:
+    """A table below its title, as `camojab._page.table` has it in a page."""
+    from ._page import cells, numeric
+
+    columns = []
+    for heading, column in cells(frame, formats).items():
+        width = max(map(len, [heading, *column]))
+        align = str.rjust if numeric(column) else str.ljust
+        columns.append([align(cell, width) for cell in [heading, *column]])
+    print(f"{title}\n")
+    for row in zip(*columns, strict=True):
+        print("  ".join(row).rstrip())
+    print()
 
 
 def _problems(error: Exception) -> list[str]:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ._csf import log_sensitivity
 from ._display import Components, Display, Shading, Viewing
-from ._filters import log_lorentzian
+from ._filters import LOG_TRANSFER
 from ._parameters import Parameters
 
 
@@ -45,10 +45,11 @@ def flattened(condition: Condition, dtype) -> tuple[tuple[int, ...], Condition]:
 
 def log_eye_blur(rho: Float[Array, " n"], c: Condition) -> Float[Array, " n"]:
     """Log transfer of hold-type and pursuit blur along the motion (Eq. 14 to 18)."""
-    velocity, persistence = c.viewing.velocity, c.display.persistence
-    hold = persistence * velocity / c.display.refresh_rate
-    pursuit = persistence * (c.parameters.ca * velocity + c.parameters.cb)
-    log_transfer = log_lorentzian(rho, hold) + log_lorentzian(rho, pursuit)
+    velocity, persistence, p = c.viewing.velocity, c.display.persistence, c.parameters
+    hold = p.hold_width * persistence * velocity / c.display.refresh_rate
+    pursuit = p.pursuit_width * persistence * (p.ca * velocity + p.cb)
+    log_low_pass = LOG_TRANSFER[c.components.low_pass]
+    log_transfer = log_low_pass(rho, hold) + log_low_pass(rho, pursuit)
     return jnp.where(c.components.eye_blur, log_transfer, 0)
 
 
@@ -78,8 +79,11 @@ def log_sensitivity_of(
     rho: Float[Array, "*n"], temporal_frequency: Float[Array, ""], c: Condition
 ) -> Float[Array, "*n"]:
     """Logarithm of the sensitivity, finite and of no meaning at frequency 0."""
+    p = c.parameters
+    gains = (p.achromatic_gain, p.red_green_gain, p.yellow_violet_gain, p.velocity_gain)
     return log_sensitivity(
         jnp.where(rho > 0, rho, 1),
         jnp.broadcast_to(temporal_frequency, rho.shape),
         jnp.broadcast_to(c.display.luminance, rho.shape),
+        tuple(jnp.log(gain) for gain in gains),
     )

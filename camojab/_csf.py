@@ -103,6 +103,9 @@ _YELLOW_VIOLET = _Mechanism(
 )
 
 
+_MECHANISM = (_ACHROMATIC, _RED_GREEN, _YELLOW_VIOLET)
+
+
 def _log_luminance_dependence(
     p: tuple[float, ...], luminance: Float[Array, "*n"]
 ) -> Float[Array, "*n"]:
@@ -115,14 +118,21 @@ def _log_luminance_dependence(
     return value
 
 
+LogGains = tuple[ArrayLike, ...]
+
+# Logarithms of the factors on the achromatic, red-green and yellow-violet mechanisms,
+# and on the response to flicker: the published sensitivity.
+PUBLISHED: LogGains = (0.0, 0.0, 0.0, 0.0)
+
+
 def _log_sensitivity_wuerger2020(
-    log_frequency: Float[Array, "*n"], luminance: Float[Array, "*n"]
+    log_frequency: Float[Array, "*n"], luminance: Float[Array, "*n"], gains: LogGains
 ) -> Float[Array, "*n"]:
     """Spatio-chromatic sensitivity to a luminance grating on D65, steady."""
     adapting = luminance * float(_BACKGROUND[0] + _BACKGROUND[1])
     a, b, c = (
-        2.0 * mechanism.log_response(log_frequency, adapting)
-        for mechanism in (_ACHROMATIC, _RED_GREEN, _YELLOW_VIOLET)
+        2.0 * (mechanism.log_response(log_frequency, adapting) + gain)
+        for mechanism, gain in zip(_MECHANISM, gains[:3], strict=True)
     )
     return math.log(_NORM) + 0.5 * jnp.logaddexp(jnp.logaddexp(a, b), c)
 
@@ -147,13 +157,15 @@ def log_sensitivity(
     frequency: Float[Array, "*n"],
     temporal_frequency: Float[Array, "*n"],
     luminance: Float[Array, "*n"],
+    gains: LogGains = PUBLISHED,
 ) -> Float[Array, "*n"]:
     """Natural logarithm of `sensitivity` for spatial frequencies > 0, unchecked."""
     velocity = jnp.maximum(temporal_frequency / frequency, 0.3)
     moving = _log_sensitivity_laird2006(frequency, velocity)
     still = _log_sensitivity_laird2006(frequency, jnp.full_like(frequency, 0.3))
     return (
-        _log_sensitivity_wuerger2020(jnp.log(frequency), luminance)
+        _log_sensitivity_wuerger2020(jnp.log(frequency), luminance, gains)
+        + jnp.where(temporal_frequency > 0, gains[3], 0.0)
         + moving
         - jnp.log(jnp.exp(still) + 1e-5)
     )

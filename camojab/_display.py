@@ -1,5 +1,6 @@
 """What is shown, how it moves and how coarsely it is shaded; the units live here."""
 
+import enum
 import math
 from typing import ClassVar
 
@@ -160,19 +161,33 @@ class Shading(_Conditions):
         self.mip_level = check("mip_level", mip_level, _not_negative, "finite and >= 0")
 
 
+class LowPass(enum.Enum):
+    """Transfer function that stands for a blur. All three fall alike from frequency 0.
+
+    `LORENTZIAN` is the model's; `SINC` is the magnitude of the box blur's own, which
+    the Lorentzian replaces; `GAUSSIAN` that of the normal blur of the same variance.
+    """
+
+    LORENTZIAN = "lorentzian"
+    SINC = "sinc"
+    GAUSSIAN = "gaussian"
+
+
 class Components(eqx.Module):
     """Which parts of the model take part, for ablations.
 
-    **Arguments:** (each boolean, any shape)
+    **Arguments:** (each but the last boolean, of any shape)
 
     - `vrs`: mipmap blur, replicas of coarse shading and the Nyquist crop.
     - `eye_blur`: hold-type blur and the blur of imperfect pursuit.
     - `judder`: the temporal distortion.
+    - `low_pass`: of every blur.
     """
 
     vrs: Bool[Array, "..."]
     eye_blur: Bool[Array, "..."]
     judder: Bool[Array, "..."]
+    low_pass: LowPass = eqx.field(static=True)
 
     def __init__(
         self,
@@ -180,10 +195,12 @@ class Components(eqx.Module):
         vrs: ArrayLike = True,
         eye_blur: ArrayLike = True,
         judder: ArrayLike = True,
+        low_pass: LowPass = LowPass.LORENTZIAN,
     ):
         self.vrs = check_flag("vrs", vrs)
         self.eye_blur = check_flag("eye_blur", eye_blur)
         self.judder = check_flag("judder", judder)
+        self.low_pass = LowPass(low_pass)
 
 
 def _positive(x: Array) -> Array:

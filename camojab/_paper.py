@@ -4,10 +4,12 @@ Integrals run over the quadrant [0, Nyquist]^2 of the bins 0..256, with weights 
 follow the crop and the replica continuously.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ._condition import (
     Condition,
@@ -16,9 +18,10 @@ from ._condition import (
     log_sensitivity_of,
     sensitivity_power,
 )
-from ._display import Shading
+from ._display import Components, Shading
 from ._filters import mipmap
 from ._math import safe_hypot, safe_power
+from ._parameters import Parameters
 from ._sampling import below, comb, HALF
 from ._spectrum import SIZE
 
@@ -37,12 +40,29 @@ class PaperPool(eqx.Module):
     rate_y: Float[Array, ""]
 
 
+class Shaded(NamedTuple):
+    """Spectra of a texture at full rate and as shaded, the latter with its crop."""
+
+    reference: Float[Array, "257 257"]
+    shaded: Float[Array, "257 257"]
+    rate_x: Float[Array, ""]
+    rate_y: Float[Array, ""]
+
+
 def shade(
-    amplitude: Float[Array, "512 512"], shading: Shading
-) -> Float[Array, "257 257"]:
+    amplitude: Float[Array, "512 512"], s: Shading, c: Components, p: Parameters
+) -> Shaded:
     """Eq. 4 to 12. Both images map a texel to a pixel, as Eq. 20 has it."""
-    filtered = mipmap(amplitude, shading)
-    return sample(filtered, shading.rate_x, shading.rate_y, impulses=2)
+    one = jnp.ones((), amplitude.dtype)
+    reference = sample(amplitude, one, one, impulses=0)
+    filtered = mipmap(amplitude, s, p.mipmap_width, c.low_pass)
+    shaded = sample(filtered, s.rate_x, s.rate_y, impulses=2)
+    return Shaded(
+        reference,
+        jnp.where(c.vrs, shaded, reference),
+        jnp.where(c.vrs, s.rate_x, one),
+        jnp.where(c.vrs, s.rate_y, one),
+    )
 
 
 def sample(
@@ -62,19 +82,13 @@ def sample(
 
 
 def pool(
-    amplitude: Float[Array, "512 512"],
-    shading: Shading,
-    vrs: Bool[Array, ""],
-    beta: Float[Array, ""],
+    amplitude: Float[Array, "512 512"], s: Shading, c: Components, p: Parameters
 ) -> PaperPool:
     """Pool the energies of a texture at one mip level, rate and exponent."""
     one = jnp.ones((), amplitude.dtype)
-    reference = sample(amplitude, one, one, impulses=0)
-    shaded = jnp.where(vrs, shade(amplitude, shading), reference)
-    rate_x = jnp.where(vrs, shading.rate_x, one)
-    rate_y = jnp.where(vrs, shading.rate_y, one)
-    kept = safe_power(shaded, beta)
-    full = safe_power(reference, beta) * _from_zero(one, one)
+    reference, shaded, rate_x, rate_y = shade(amplitude, s, c, p)
+    kept = safe_power(shaded, p.beta)
+    full = safe_power(reference, p.beta) * _from_zero(one, one)
     return PaperPool(full - kept * _from_zero(rate_x, rate_y), kept, rate_x, rate_y)
 
 
@@ -104,10 +118,9 @@ def fields(
     step = c.display.ppd / SIZE
     rho = jnp.arange(HALF + 1, dtype=dtype) * step
     one, rest = jnp.ones((), dtype), jnp.zeros((), dtype)
-    reference = sample(amplitude, one, one, impulses=0)
-    shaded = jnp.where(c.components.vrs, shade(amplitude, c.shading), reference)
-    rate_x = jnp.where(c.components.vrs, c.shading.rate_x, one)
-    rate_y = jnp.where(c.components.vrs, c.shading.rate_y, one)
+    reference, shaded, rate_x, rate_y = shade(
+        amplitude, c.shading, c.components, c.parameters
+    )
     still = safe_hypot(rho[None, :], rho[:, None])
     blur = log_eye_blur(rho, c)[None, :]
     static = jnp.where(still > 0, log_sensitivity_of(still, rest, c), -jnp.inf)

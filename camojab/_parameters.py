@@ -39,6 +39,11 @@ class Parameters(eqx.Module):
       finite; negative, since distortions lower quality.
     - `beta`: exponent of the energy pooling. [1], > 0.
     - `ca`, `cb`: eye blur per velocity [s] and at rest [deg] at full persistence, >= 0.
+    - `mipmap_width`, `hold_width`, `pursuit_width`: factors on the width of the blurs
+      of Eq. 8, 14 and 15. [1], > 0; 1 in the paper.
+    - `achromatic_gain`, `red_green_gain`, `yellow_violet_gain`, `velocity_gain`:
+      factors on the three mechanisms of the spatio-chromatic sensitivity and on the
+      spatio-velocity one where something flickers. [1], > 0; 1 in the paper.
 
     **Source:** Jindal et al. 2021, Eq. 1, 15 and 19 and Table 4; ca and cb of Denes et
     al. 2020, Table 1.
@@ -49,6 +54,13 @@ class Parameters(eqx.Module):
     beta: Float[Array, "..."]
     ca: Float[Array, "..."]
     cb: Float[Array, "..."]
+    mipmap_width: Float[Array, "..."]
+    hold_width: Float[Array, "..."]
+    pursuit_width: Float[Array, "..."]
+    achromatic_gain: Float[Array, "..."]
+    red_green_gain: Float[Array, "..."]
+    yellow_violet_gain: Float[Array, "..."]
+    velocity_gain: Float[Array, "..."]
 
     def __init__(
         self,
@@ -58,12 +70,26 @@ class Parameters(eqx.Module):
         beta: ArrayLike,
         ca: ArrayLike = 0.001648,
         cb: ArrayLike = 0.079818,
+        mipmap_width: ArrayLike = 1.0,
+        hold_width: ArrayLike = 1.0,
+        pursuit_width: ArrayLike = 1.0,
+        achromatic_gain: ArrayLike = 1.0,
+        red_green_gain: ArrayLike = 1.0,
+        yellow_violet_gain: ArrayLike = 1.0,
+        velocity_gain: ArrayLike = 1.0,
     ):
         self.ws = check("ws", ws, _finite, "finite [JND]")
         self.wt = check("wt", wt, _finite, "finite [JND]")
-        self.beta = check("beta", beta, lambda x: (x > 0) & _finite(x), "finite, > 0")
+        self.beta = _factor("beta", beta)
         self.ca = check("ca", ca, lambda x: (x >= 0) & _finite(x), "finite, >= 0 s")
         self.cb = check("cb", cb, lambda x: (x >= 0) & _finite(x), "finite, >= 0 deg")
+        self.mipmap_width = _factor("mipmap_width", mipmap_width)
+        self.hold_width = _factor("hold_width", hold_width)
+        self.pursuit_width = _factor("pursuit_width", pursuit_width)
+        self.achromatic_gain = _factor("achromatic_gain", achromatic_gain)
+        self.red_green_gain = _factor("red_green_gain", red_green_gain)
+        self.yellow_violet_gain = _factor("yellow_violet_gain", yellow_violet_gain)
+        self.velocity_gain = _factor("velocity_gain", velocity_gain)
 
     @classmethod
     def published(cls, formulation: Formulation = Formulation.RELEASED) -> "Parameters":
@@ -71,15 +97,36 @@ class Parameters(eqx.Module):
         return load_parameters(shipped(f"parameters_{formulation.value}.json"))[0]
 
     def report(self) -> str:
-        """One line to quote beside any number."""
-        return ", ".join(f"{k}={brief(v, 8)}" for k, v in vars(self).items())
+        """One line to quote beside any number; factors that are 1 are left out."""
+        told = {
+            name: value
+            for name, value in vars(self).items()
+            if name not in FACTORS or (value != 1).any()
+        }
+        return ", ".join(f"{k}={brief(v, 8)}" for k, v in told.items())
 
 
 def _finite(x: Array) -> Array:
     return abs(x) < math.inf
 
 
-UNITS = {"ws": "JND", "wt": "JND", "beta": "1", "ca": "s", "cb": "deg"}
+def _factor(name: str, value: ArrayLike) -> Array:
+    return check(name, value, lambda x: (x > 0) & _finite(x), "finite, > 0")
+
+
+FACTORS = (
+    "mipmap_width",
+    "hold_width",
+    "pursuit_width",
+    "achromatic_gain",
+    "red_green_gain",
+    "yellow_violet_gain",
+    "velocity_gain",
+)
+UNITS = {
+    **{"ws": "JND", "wt": "JND", "beta": "1", "ca": "s", "cb": "deg"},
+    **dict.fromkeys(FACTORS, "1"),
+}
 
 
 def save_parameters(

@@ -1,6 +1,5 @@
 """A table of conditions -> the model's predictions, row by row."""
 
-import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -10,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
-from . import datasets
 from ._columns import (
     check_columns,
     check_finite,
@@ -28,6 +26,7 @@ from ._display import Components, Display, Shading, Viewing
 from ._parameters import Formulation, Parameters
 from ._quality import Distortion, distortion
 from ._spectrum import luminance, Spectrum
+from ._textures import Source, sources
 
 
 if TYPE_CHECKING:
@@ -141,11 +140,12 @@ def predictions(
     rules = REQUIRED | {k: rule for k, rule in OPTIONAL.items() if k in columns}
     values, problems = numbers(columns, rules, dtype)
     groups = _rows_by_texture(columns["texture"])
-    sources, unknown = _sources(groups, textures, encoding, folder)
-    if problems or unknown:
-        raise TableError.of(problems + unknown)
+    found, unknown = sources(groups, textures, encoding, folder)
+    problems += [Problem(int(groups[n][0]), text) for n, text in unknown.items()]
+    if problems:
+        raise TableError.of(problems)
     conditions = _conditions(values, parameters, dtype)
-    spatial, temporal = _evaluated(groups, sources, conditions, formulation, progress)
+    spatial, temporal = _evaluated(groups, found, conditions, formulation, progress)
     weights = conditions.parameters
     quality = np.asarray(weights.ws * spatial + weights.wt * temporal)
     check_finite("quality_jnd", quality)
@@ -168,15 +168,19 @@ def _conditions(
         ),
         Viewing(values["velocity_deg_s"]),
         Shading(**given("rate_x", "rate_y", "mip_level")),
-        Components(**given("vrs", "eye_blur", "judder")),
+        Components(**_flags(values)),
         Parameters(**vars(parameters) | given("beta")),
     )
     return jax.tree.map(np.asarray, flattened(condition, dtype)[1])
 
 
+def _flags(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: values[k] for k in ("vrs", "eye_blur", "judder") if k in values}
+
+
 def _evaluated(
     groups: Mapping[str, Int[np.ndarray, " n"]],
-    sources: Mapping[str, Callable[[], Spectrum]],
+    found: Mapping[str, Source],
     conditions: Condition,
     formulation: Formulation,
     progress: Callable[[int], None],
@@ -188,7 +192,7 @@ def _evaluated(
     problems = []
     for name, rows in groups.items():
         try:
-            spectrum = sources[name]()
+            spectrum = Spectrum.from_texture(found[name]())
         except (OSError, ValueError) as error:
             problems.append(Problem(int(rows[0]), f"in {name!r}, {error}"))
             continue
@@ -239,64 +243,3 @@ def _rows_by_texture(names: Iterable[Any]) -> dict[str, Int[np.ndarray, " n"]]:
     for row, name in enumerate(names):
         rows.setdefault(str(name), []).append(row)
     return {name: np.array(of) for name, of in rows.items()}
-
-
-def _sources(
-    groups: Mapping[str, Int[np.ndarray, " n"]],
-    textures: Mapping[str, ArrayLike],
-    encoding: str | None,
-    folder: str | Path | None,
-) -> tuple[dict[str, Callable[[], Spectrum]], list[Problem]]:
-    """How to read every texture, and a problem for each of which there is none."""
-    libraries = {
-        "jindal2021": functools.cache(datasets.jindal2021_textures),
-        "builtin": functools.cache(datasets.builtin_textures),
-    }
-
-    def source(name: str) -> Callable[[], Spectrum]:
-        kind, _, key = name.partition(":")
-        if name in textures:
-            return lambda: Spectrum.from_texture(textures[name], encoding=encoding)
-        if kind in libraries:
-            library = libraries[kind]()
-            if key not in library:
-                rule = "one of " + ", ".join(f"{kind}:{known}" for known in library)
-                raise ValueError(f"`texture` must be {rule}, got {name!r}.")
-            return lambda: Spectrum.from_texture(library[key])
-        path = _path(name, folder)
-        return lambda: Spectrum.from_texture(_image(path), encoding=encoding)
-
-    found, problems = {}, []
-    for name, rows in groups.items():
-        try:
-            found[name] = source(name)
-        except (OSError, ValueError) as error:
-            problems.append(Problem(int(rows[0]), str(error)))
-    return found, problems
-
-
-def _path(name: str, folder: str | Path | None) -> Path:
-    for path in (Path(name), Path(folder or "") / name):
-        if path.is_file():
-            return path
-    raise ValueError(
-        "`texture` must be a file, jindal2021:NAME or builtin:NAME, got "
-        f"{name!r}, which is no file."
-    )
-
-
-def _image(path: Path) -> np.ndarray:
-    try:
-        if path.suffix.lower() == ".npy":
-            with path.open("rb") as file:
-                return np.lib.format.read_array(file, allow_pickle=False)
-        import imageio.v3
-
-        # Given a path, imageio leaves files open that it cannot read.
-        return imageio.v3.imread(path.read_bytes(), extension=path.suffix)
-    # Each decoder has errors of its own for a file that it cannot read.
-    except Exception as error:
-        raise ValueError(
-            f"`texture` must be an image or an array that can be read "
-            f"({type(error).__name__})."
-        ) from error

@@ -4,7 +4,6 @@ from types import ModuleType
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from . import _paper, _released
@@ -160,8 +159,8 @@ def _pool(
     amplitude = spectrum.amplitude
     same = lambda tree: jax.tree.map(lambda x: x.astype(amplitude.dtype), tree)
     shading, parameters = same(shading), same(parameters)
-    vrs = jnp.asarray(True)
-    energies = CHAIN[formulation].pool(amplitude, shading, vrs, parameters.beta)
+    chain, components = CHAIN[formulation], Components()
+    energies = chain.pool(amplitude, shading, components, parameters)
     return Pooled(energies, parameters, formulation)
 
 
@@ -196,7 +195,7 @@ def _distortions(
     # Checkpointed, or the backward pass would keep every condition's spectra.
     @jax.checkpoint
     def one(c: Condition):
-        shading, vrs, beta = c.shading, c.components.vrs, c.parameters.beta
-        return chain.evaluate(chain.pool(spectrum.amplitude, shading, vrs, beta), c)
+        parts = c.shading, c.components, c.parameters
+        return chain.evaluate(chain.pool(spectrum.amplitude, *parts), c)
 
     return jax.lax.map(one, conditions)

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ._condition import (
     Condition,
@@ -19,9 +19,10 @@ from ._condition import (
     log_sensitivity_of,
     sensitivity_power,
 )
-from ._display import Shading
+from ._display import Components, Shading
 from ._filters import mipmap
 from ._math import safe_power
+from ._parameters import Parameters
 from ._sampling import HALF, released_replica, shifted
 from ._spectrum import SIZE
 
@@ -48,23 +49,20 @@ class ReleasedPool(eqx.Module):
 
 
 def shade(
-    amplitude: Float[Array, "512 512"], shading: Shading
+    amplitude: Float[Array, "512 512"], s: Shading, c: Components, p: Parameters
 ) -> Float[Array, "512 512"]:
     """Mipmap, one replica on each axis, Nyquist crop (`b_m rho` is free of ppd)."""
-    across = released_replica(mipmap(amplitude, shading), shading.rate_y)
-    return released_replica(across.T, shading.rate_x).T
+    filtered = mipmap(amplitude, s, p.mipmap_width, c.low_pass)
+    across = released_replica(filtered, s.rate_y)
+    return jnp.where(c.vrs, released_replica(across.T, s.rate_x).T, amplitude)
 
 
 def pool(
-    amplitude: Float[Array, "512 512"],
-    shading: Shading,
-    vrs: Bool[Array, ""],
-    beta: Float[Array, ""],
+    amplitude: Float[Array, "512 512"], s: Shading, c: Components, p: Parameters
 ) -> ReleasedPool:
     """Pool the energies of a texture at one mip level, rate and exponent."""
-    shaded = jnp.where(vrs, shade(amplitude, shading), amplitude)
-    power = _once(safe_power(shaded, beta))
-    lost = _once(safe_power(amplitude, beta) - power)
+    power = _once(safe_power(shade(amplitude, s, c, p), p.beta))
+    lost = _once(safe_power(amplitude, p.beta) - power)
     bins = _fold(power)
     return ReleasedPool(jnp.sum(_rings(_fold(lost)), axis=1), _rings(bins), bins)
 
@@ -77,11 +75,9 @@ def evaluate(p: ReleasedPool, c: Condition) -> tuple[Float[Array, ""], Array]:
     still = sensitivity_power(rho, jnp.zeros((), dtype), 0.0, c)
     spatial = jnp.dot(still, p.lost + jnp.dot(p.kept, blurred)) / SIZE**2
 
-    flicker = sensitivity_power(rho, c.display.refresh_rate, 1.0, c)
-    flicker = _once(flicker)
-    on_ring = jnp.where(_BELOW, _both_sides(flicker)[None, :], flicker[:, None])
-    moved = shifted(p.bins.T, -judder_shift(c)).T
-    temporal = jnp.sum(moved * on_ring) / SIZE**2
+    flicker = _once(sensitivity_power(rho, c.display.refresh_rate, 1.0, c))
+    moved = _by_ring(shifted(p.bins.T, -judder_shift(c)).T)
+    temporal = jnp.dot(flicker, moved) / SIZE**2
     return spatial, jnp.where(c.components.judder, temporal, 0)
 
 
@@ -90,7 +86,7 @@ def fields(
 ) -> tuple[Field, Field, Field]:
     """Reference, shaded and replica, before the power: what `beta` acts on."""
     dtype = amplitude.dtype
-    shaded = jnp.where(c.components.vrs, shade(amplitude, c.shading), amplitude)
+    shaded = shade(amplitude, c.shading, c.components, c.parameters)
     moved = shifted(shaded.T, -judder_shift(c)).T
     rho = jnp.arange(HALF + 1, dtype=dtype) * (c.display.ppd / SIZE)
     still = _log_on_rings(rho, jnp.zeros((), dtype), -jnp.inf, c)
@@ -130,10 +126,16 @@ def _once(x: Float[Array, "..."]) -> Float[Array, "..."]:
     return jax.lax.optimization_barrier(x)
 
 
-def _fold(power: Float[Array, "512 m"]) -> Float[Array, "257 m"]:
-    """Sum over the sign of the vertical frequency."""
-    negative, positive = power[HALF::-1], power[HALF:]
-    return negative + jnp.pad(positive.at[0].set(0), ((0, 1), (0, 0)))
+def _fold(power: Float[Array, "512 ..."]) -> Float[Array, "257 ..."]:
+    """Sum over the sign of the first axis's frequency."""
+    negative, positive = power[HALF::-1], power[HALF:].at[0].set(0)
+    return negative.at[:-1].add(positive)
+
+
+def _by_ring(bins: Float[Array, "257 512"]) -> Float[Array, "257"]:
+    """Sum over each ring max(|k_x|, |k_y|)."""
+    beyond = jnp.sum(jnp.where(_BELOW, bins, 0), axis=0)
+    return jnp.sum(jnp.where(_BELOW, 0, bins), axis=1) + _fold(beyond)
 
 
 def _rings(bins: Float[Array, "257 512"]) -> Float[Array, "257 257"]:

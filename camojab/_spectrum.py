@@ -54,7 +54,7 @@ class Spectrum(eqx.Module):
         """
         if isinstance(texture, jax.core.Tracer):
             return cls(_amplitude(_traced(texture, encoding), jnp))
-        return cls(jnp.asarray(_amplitude(_grey(texture, encoding), np), float))
+        return cls(jnp.asarray(_amplitude(grey(texture, encoding), np), float))
 
     def transposed(self) -> "Spectrum":
         """Spectrum of the transposed texture: vertical motion, as in Eq. 28."""
@@ -98,7 +98,8 @@ def luminance(texture: ArrayLike, *, encoding: str) -> Float[np.ndarray, "rows c
     return np.clip(values, 0.0, 1.0)
 
 
-def _grey(texture: ArrayLike, encoding: str | None) -> Float[np.ndarray, "rows cols"]:
+def grey(texture: ArrayLike, encoding: str | None) -> Float[np.ndarray, "rows cols"]:
+    """Luminance of an image, which must be grey if its encoding is not named."""
     if encoding is not None:
         return luminance(texture, encoding=encoding)
     values = _checked(texture)

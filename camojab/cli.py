@@ -4,20 +4,13 @@ Only what the help needs is imported at the top; everything that computes is imp
 the command that uses it.
 """
 
-import csv
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TYPE_CHECKING
+from typing import Annotated, Any, Literal
 
 import typer
 
-from ._command import environment, release, run, Unusable
-
-
-if TYPE_CHECKING:
-    import camojab
+from ._command import environment, precision as bits, release, run, stages, Study
 
 
 app = typer.Typer(add_completion=False)
@@ -28,6 +21,47 @@ Precision = Annotated[
 ]
 Output = Annotated[
     Path, typer.Option("-o", "--output", help="The CSV file to write, whole.")
+]
+Folder = Annotated[
+    Path, typer.Option("-o", "--output", help="Folder to write into; made if need be.")
+]
+Encoding = Annotated[
+    str | None,
+    typer.Option(
+        help="How the values of image files stand for light: 'linear', 'sRGB' or "
+        "another name that colour-science knows. Colour needs it; without it grey is "
+        "relative luminance as it stands."
+    ),
+]
+Votes = Annotated[
+    Path | None,
+    typer.Option(
+        help="CSV file of votes: observer, condition_a, condition_b, a_preferred."
+    ),
+]
+Conditions = Annotated[
+    Path | None,
+    typer.Option(
+        help="With --votes: CSV file with a row for each condition, in the columns of "
+        "camojab predict and the column condition, its name."
+    ),
+]
+Textures = Annotated[
+    Path | None,
+    typer.Option(help="With --votes: the folder that paths of textures begin from."),
+]
+Published = Annotated[
+    Literal["jindal2021"] | None,
+    typer.Option(
+        help="Published data, in the place of --votes; what is taken if none."
+    ),
+]
+Constants = Annotated[
+    Path | None,
+    typer.Option(
+        "--parameters",
+        help="JSON file of fitted constants. By default the published ones.",
+    ),
 ]
 
 
@@ -82,20 +116,8 @@ def predict(
         ),
     ] = None,
     precision: Precision = "64",
-    parameters: Annotated[
-        Path | None,
-        typer.Option(
-            help="JSON file of fitted constants. By default the published ones."
-        ),
-    ] = None,
-    encoding: Annotated[
-        str | None,
-        typer.Option(
-            help="How the values of image files stand for light: 'linear', 'sRGB' or "
-            "another name that colour-science knows. Colour needs it; without it grey "
-            "is relative luminance as it stands."
-        ),
-    ] = None,
+    parameters: Constants = None,
+    encoding: Encoding = None,
 ) -> None:
     """Predict distortions and quality (JND) for every row of a table.
 
@@ -108,30 +130,16 @@ def predict(
     else from the table's), jindal2021:NAME for a published one such as grass,
     or builtin:NAME for one such as brick.
     """
-    table = _read(conditions)
-    _check_output(output)
-    with _precision(precision):
-        from ._predict import ADDED, known, predictions, REQUIRED
+    with bits(precision):
+        from ._table_command import predict
 
-        with _naming(conditions, table.lines):
-            table.check(required=("texture", *REQUIRED), added=ADDED)
-            constants, statement = _model(formulation, parameters)
-            _check_encoding(encoding)
-            with _progress(len(table.rows)) as advance:
-                added = predictions(
-                    table.columns(known()),
-                    formulation=statement,
-                    parameters=constants,
-                    textures={},
-                    encoding=encoding,
-                    folder=conditions.parent,
-                    progress=advance,
-                )
-        model = f"{statement.value}, {constants.report()}"
-    if "beta" in table.header:
-        model += " (but beta of each row)"
-    _write(output, table, added, known())
-    print(f"camojab {release()}, {model}, float{precision}")
+        predict(
+            conditions=conditions,
+            output=output,
+            formulation=formulation,
+            parameters=parameters,
+            encoding=encoding,
+        )
 
 
 @app.command()
@@ -145,173 +153,250 @@ def sensitivity(
     Columns: spatial_frequency_cpd, temporal_frequency_hz, luminance_cd_m2.
     Others are kept as they are. Added is sensitivity.
     """
-    gratings = _read(table)
-    _check_output(output)
-    with _precision(precision):
-        import jax.numpy as jnp
-        import numpy as np
+    with bits(precision):
+        from ._table_command import sensitivity
 
-        from ._columns import check_finite, not_negative, numbers, positive, TableError
-        from ._csf import sensitivity
-
-        rules = {
-            "spatial_frequency_cpd": not_negative("cycles/deg"),
-            "temporal_frequency_hz": not_negative("Hz"),
-            "luminance_cd_m2": positive("cd/m^2"),
-        }
-        with _naming(table, gratings.lines):
-            gratings.check(required=rules, added=["sensitivity"])
-            dtype = np.dtype(jnp.result_type(float))
-            values, problems = numbers(gratings.columns(rules), rules, dtype)
-            if problems:
-                raise TableError.of(problems)
-            added = {"sensitivity": np.asarray(sensitivity(*values.values()))}
-            check_finite("sensitivity", added["sensitivity"])
-    _write(output, gratings, added, rules)
-    print(f"camojab {release()}, float{precision}")
+        sensitivity(table=table, output=output)
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-class _Table(NamedTuple):
-    """A CSV file as it stands; `lines` has the line at which each row begins."""
-
-    header: list[str]
-    rows: list[list[str]]
-    lines: list[int]
-
-    def check(self, *, required: Iterable[str], added: Iterable[str]) -> None:
-        from ._columns import check_columns
-
-        check_columns(self.header, required=required, added=added)
-
-    def columns(self, names: Iterable[str]) -> dict[str, list[str]]:
-        """Those of the named columns that the table has."""
-        indices = {
-            name: self.header.index(name) for name in names if name in self.header
-        }
-        return {name: [row[i] for row in self.rows] for name, i in indices.items()}
-
-
-def _read(path: Path) -> _Table:
-    rows, lines, ragged = [], [], []
-    # Spreadsheets put a byte order mark before the first name.
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.reader(file, strict=True)
-        try:
-            header = next(reader, [])
-            line = reader.line_num + 1
-            for row in reader:
-                if row and len(row) != len(header):
-                    rule = f"must have {_count(len(header), 'cell')}, as the header"
-                    ragged.append(f"{path}, line {line}: {rule}, got {len(row)}.")
-                if row:
-                    rows.append(row)
-                    lines.append(line)
-                line = reader.line_num + 1
-        except UnicodeDecodeError as error:
-            raise Unusable(f"{path}: must be text in UTF-8 ({error}).") from error
-        except csv.Error as error:
-            where = f"{path}, line {reader.line_num}"
-            raise Unusable(f"{where}: must be CSV ({error}).") from error
-    if not header:
-        raise Unusable(f"{path}: must begin with the names of the columns.")
-    if ragged:
-        raise Unusable(*ragged)
-    return _Table(header, rows, lines)
-
-
-def _write(
-    path: Path, table: _Table, added: Mapping[str, Any], used: Iterable[str]
+@app.command()
+def scale(
+    output: Folder,
+    votes: Votes = None,
+    data: Annotated[
+        Literal["jindal2021", "denes2020", "simulated"] | None,
+        typer.Option(help="Published votes, in the place of --votes."),
+    ] = None,
+    by: Annotated[
+        str | None,
+        typer.Option(
+            help="Columns, with commas between them, that tell apart groups of "
+            "conditions which were never compared with each other."
+        ),
+    ] = None,
+    prior: Annotated[
+        Literal["none", "gaussian", "bounded"] | None,
+        typer.Option(
+            help="What keeps unanimous votes from an infinite scale. By default none, "
+            "or what the authors of --data used."
+        ),
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(help="Condition of 0 JND; by default the mean of each group."),
+    ] = None,
+    bootstrap: Annotated[
+        int,
+        typer.Option(min=0, help="Resamples of the observers behind the intervals."),
+    ] = 1000,
+    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1)] = 0,
 ) -> None:
-    """Write the table with the added columns, and say which ones were not used."""
-    from ._files import replacing
+    """Scale pairwise votes to JND, with intervals.
 
-    with (
-        replacing(path) as temporary,
-        temporary.open("w", encoding="utf-8", newline="") as file,
-    ):
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*table.header, *added])
-        # The shortest digits that give the same number back.
-        digits = [[repr(float(value)) for value in column] for column in added.values()]
-        for row, new in zip(table.rows, zip(*digits, strict=True), strict=True):
-            writer.writerow([*row, *new])
-    kept = ", ".join(name for name in table.header if name not in set(used))
-    note = f"; kept as they are: {kept}" if kept else ""
-    print(f"{path}: {_count(len(table.rows), 'row')}{note}")
+    Writes scale.json, scale.csv and report.html: JND of every condition with its
+    interval, how far each observer is from the others, how well one scale explains
+    the votes, and the residual of every pair.
+    """
+    if (votes is None) == (data is None):
+        raise typer.BadParameter("give one of the two.", param_hint="--votes or --data")
+    if bootstrap == 1:
+        raise typer.BadParameter("must be 0 or >= 2.", param_hint="'--bootstrap'")
+    with bits("64"), stages() as progress:
+        from ._scale_command import scale
 
-
-def _check_output(path: Path) -> None:
-    """Fail before the work rather than after it."""
-    if path.is_dir():
-        raise Unusable(f"{path}: must be a file to write, got a folder.")
-
-
-@contextmanager
-def _naming(path: Path, lines: Sequence[int]) -> Iterator[None]:
-    """Name the file, and the line in it, of what is wrong with its table."""
-    from ._columns import TableError
-
-    try:
-        yield
-    except TableError as error:
-        problems = [
-            f"{path}, line {lines[problem.row]}: "
-            + problem.message.replace("`encoding`", "`--encoding`")
-            for problem in error.problems
-        ]
-        raise Unusable(*(problems or [f"{path}: {error}"])) from error
-
-
-def _precision(bits: str) -> AbstractContextManager[Any]:
-    import jax
-
-    return jax.enable_x64(bits == "64")
-
-
-def _model(
-    name: str | None, file: Path | None
-) -> tuple["camojab.Parameters", "camojab.Formulation"]:
-    """The constants and the formulation that they belong to."""
-    from ._parameters import Formulation, load_parameters, Parameters
-
-    chosen = Formulation(name or "released")
-    if file is None:
-        return Parameters.published(chosen), chosen
-    try:
-        constants, fitted = load_parameters(file)
-    except ValueError as error:
-        raise Unusable(str(error)) from error
-    if name is not None and fitted is not chosen:
-        raise typer.BadParameter(
-            f"must be that of {file}, {fitted.value}, got {name}.",
-            param_hint="'--formulation'",
+        scale(
+            file=votes,
+            data=data,
+            by=by,
+            prior=prior,
+            reference=reference,
+            resamples=bootstrap,
+            seed=seed,
+            output=output,
+            progress=progress,
         )
-    return constants, fitted
 
 
-def _check_encoding(name: str | None) -> None:
-    if name is not None:
-        import numpy as np
+@app.command()
+def compare(
+    output: Folder,
+    data: Published = None,
+    votes: Votes = None,
+    conditions: Conditions = None,
+    textures: Textures = None,
+    encoding: Encoding = None,
+    parameters: Constants = None,
+) -> None:
+    """Compare CaMoJAB, MARRR and NAS on the same measurements.
 
-        from ._spectrum import luminance
+    Writes compare.json, compare.csv and report.html: what each model leaves of each
+    block of Table 5 of Jindal et al. 2021, or of one's own votes, with every
+    assumption stated, and what CaMoJAB leaves when it is refitted without its parts.
+    """
+    own = _own_study(data, votes, conditions, textures, encoding)
+    with bits("64"), stages() as progress:
+        from ._compare_command import compare
 
-        try:
-            luminance(np.zeros((1, 1)), encoding=name)
-        except ValueError as error:
-            raise typer.BadParameter(str(error), param_hint="'--encoding'") from error
+        compare(
+            own=own,
+            parameters=parameters,
+            output=output,
+            progress=progress,
+        )
 
 
-@contextmanager
-def _progress(rows: int) -> Iterator[Callable[[int], None]]:
-    """A bar on the terminal, if that is where the error stream goes."""
-    from rich.console import Console
-    from rich.progress import Progress
+@app.command()
+def validate(
+    output: Folder,
+    data: Published = None,
+    votes: Votes = None,
+    conditions: Conditions = None,
+    textures: Textures = None,
+    encoding: Encoding = None,
+    parameters: Constants = None,
+) -> None:
+    """Put constants to the test on data that they were not fitted to.
 
-    console, silent = Console(stderr=True), not sys.stderr.isatty()
-    with Progress(console=console, transient=True, disable=silent) as bar:
-        task = bar.add_task("conditions", total=rows)
-        yield lambda done: bar.advance(task, done)
+    Writes validate.json, validate.csv and report.html: agreement with the opinion
+    scores of Mackin et al. 2016 and ITU-R BT.2246 and the preferences of Experiment 2
+    of Jindal et al. 2021, or agreement with one's own votes.
+    """
+    own = _own_study(data, votes, conditions, textures, encoding)
+    with bits("64"), stages() as progress:
+        from ._validate_command import validate
+
+        validate(
+            own=own,
+            parameters=parameters,
+            output=output,
+            progress=progress,
+        )
+
+
+@app.command()
+def fit(
+    output: Folder,
+    data: Annotated[
+        Literal["jindal2021", "simulated"] | None,
+        typer.Option(help="Published or simulated data, in the place of --votes."),
+    ] = None,
+    votes: Votes = None,
+    conditions: Conditions = None,
+    textures: Textures = None,
+    encoding: Encoding = None,
+    to: Annotated[
+        Literal["jnd", "votes"] | None,
+        typer.Option(
+            help="Least squares on JND, or maximum likelihood of the votes themselves. "
+            "By default JND for --data and votes for --votes."
+        ),
+    ] = None,
+    free: Annotated[
+        str,
+        typer.Option(
+            help="Constants to fit, with commas between them: ws, wt, beta, ca, cb, "
+            "mipmap_width, hold_width, pursuit_width, achromatic_gain, red_green_gain, "
+            "yellow_violet_gain, velocity_gain, scale:DATA_SET, scales (all but the "
+            "first), lapse (of votes)."
+        ),
+    ] = "ws,wt,beta,scales",
+    formulation: Annotated[
+        Literal["released", "paper"] | None,
+        typer.Option(help="By default that of --parameters, or else released."),
+    ] = None,
+    solver: Annotated[
+        Literal[
+            "levenberg-marquardt",
+            "scoring",
+            "dogleg",
+            "gauss-newton",
+            "bfgs",
+            "jaxopt-levenberg-marquardt",
+            "jaxopt-lbfgsb",
+        ]
+        | None,
+        typer.Option(help="By default the first for JND and the second for votes."),
+    ] = None,
+    parameters: Annotated[
+        Path | None,
+        typer.Option(help="JSON file of constants to start from, or to hold."),
+    ] = None,
+    bootstrap: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Refits to observers drawn again. By default 1000 if they are quick: "
+            "if ws, wt, beta, scales and lapse alone are fitted.",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1)] = 0,
+    profile: Annotated[
+        str, typer.Option(help="Constants to find the likelihood interval of.")
+    ] = "",
+    cross_validate: Annotated[
+        str,
+        typer.Option(
+            help="Columns of the conditions (texture, block, velocity_deg_s, data_set) "
+            "whose values are left out in turn."
+        ),
+    ] = "",
+) -> None:
+    """Fit the model's constants to votes, with standard errors and intervals.
+
+    Writes fit.json, which camojab predict --parameters reads, fit.csv, every condition
+    measured and predicted, and report.html.
+    """
+    if bootstrap == 1:
+        raise typer.BadParameter("must be 0 or >= 2.", param_hint="'--bootstrap'")
+    if data is None and votes is None:
+        raise typer.BadParameter("give one of the two.", param_hint="--votes or --data")
+    own = _own_study(data, votes, conditions, textures, encoding)
+    with bits("64"), stages() as progress:
+        from ._fit_command import Choice, fit_constants
+
+        fit_constants(
+            own=own,
+            data=data or "",
+            choice=Choice(
+                to=to,
+                free=_names(free),
+                formulation=formulation,
+                solver=solver,
+                start=parameters,
+                resamples=bootstrap,
+                seed=seed,
+                profiles=_names(profile),
+                cross=_names(cross_validate),
+            ),
+            output=output,
+            progress=progress,
+        )
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _own_study(
+    data: str | None,
+    votes: Path | None,
+    conditions: Path | None,
+    textures: Path | None,
+    encoding: str | None,
+) -> Study | None:
+    """The files of one's own experiment, if they are all there, or none are."""
+    if votes is not None and conditions is not None:
+        if data is not None:
+            raise typer.BadParameter("does not go with --votes.", param_hint="'--data'")
+        return Study(votes, conditions, textures, encoding)
+    for name, given in (
+        ("--votes", votes),
+        ("--conditions", conditions),
+        ("--textures", textures),
+        ("--encoding", encoding),
+    ):
+        if given is not None:
+            raise typer.BadParameter(
+                "goes with --votes and --conditions.", param_hint=f"'{name}'"
+            )
+    return None

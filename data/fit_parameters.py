@@ -10,7 +10,7 @@ from pathlib import Path
 
 import jax
 
-from camojab import fit, Formulation, Parameters, save_parameters
+from camojab import fit, Formulation, Parameters
 
 
 def main():
@@ -18,21 +18,16 @@ def main():
     with jax.enable_x64(True):
         start = Parameters(ws=-1e-3, wt=-1e-3, beta=0.36)
         found = fit.fit(fit.jindal2021(), formulation=formulation, start=start)
-    assert not found.verdict, found.verdict
-    save_parameters(
+    assert found.converged, found.verdict
+    fit.save_fit(
         Path(__file__).parent / f"parameters_{formulation.value}.json",
-        found.parameters,
-        formulation,
+        found,
         provenance=(
             "least squares on the 184 values that the published constants were fitted "
             "to (Jindal et al. 2021, Experiment 1; Denes et al. 2020, Experiments 1 "
             "and 3; gfxdisp/ALSaRR d06b3e0), in the scale of Experiment 1, "
             f"{datetime.date.today()}; ca and cb as printed in Denes et al. 2020"
         ),
-        details={
-            "rmse_jnd": {**found.rmse, "all": found.total_rmse},
-            "scales": found.scales,
-        },
     )
 
 

@@ -3,4 +3,5 @@
 from ._ablation import ablation as ablation
 from ._measurements import measurements as measurements
 from ._preferences import validation_preferences as validation_preferences
-from ._table import compare as compare, table5 as table5, validate as validate
+from ._table import compare as compare, table5 as table5
+from ._validation import predicted_scores as predicted_scores, validate as validate

@@ -77,7 +77,8 @@ def ablation(
     import pandas as pd
 
     chosen = observations or fit.jindal2021()
-    problem = _problem(chosen)
+    published = Parameters.published(formulation)
+    problem = _problem(chosen, published)
     constants = 2 + problem.members.shape[0]
     if problem.measured.size <= constants:
         raise ValueError(
@@ -85,7 +86,7 @@ def ablation(
             f"{problem.measured.size}."
         )
     pooled = _all_moments(chosen, formulation, progress)
-    log_beta = jnp.log(Parameters.published(formulation).beta)
+    log_beta = jnp.log(published.beta)
     start = jnp.stack([log_beta, jnp.zeros_like(log_beta)])
     rows = []
     for vrs, eye_blur, judder in MASKS:
@@ -116,16 +117,18 @@ def _rows(
 
 
 class _Problem(eqx.Module):
-    """Rows, and which of them share a scale."""
+    """Rows, which of them share a scale, and the constants but for the exponent."""
 
     measured: Float[Array, " rows"]
     reference: Int[Array, " rows"]
     temporal_only: Float[Array, " rows"]
     members: Float[Array, "sets rows"]
+    parameters: Parameters
 
     def errors(self, theta: Float[Array, "2"], moments: fit.Moments) -> Array:
         """Residuals at an exponent (log) and a temporal share (log odds)."""
-        spatial, temporal = moments.distortion(jnp.exp(theta[0]))
+        at = eqx.tree_at(lambda p: p.beta, self.parameters, jnp.exp(theta[0]))
+        spatial, temporal = moments.distortion(at)
         share = jax.nn.sigmoid(theta[1])
         both = (share - 1) * spatial - share * temporal
         energy = jnp.where(self.temporal_only > 0, -temporal, both)
@@ -137,7 +140,7 @@ class _Problem(eqx.Module):
         return (scale @ self.members) * quality - self.measured
 
 
-def _problem(observations: fit.Observations) -> _Problem:
+def _problem(observations: fit.Observations, parameters: Parameters) -> _Problem:
     table: Any = observations.table
     names = table["data_set"].to_numpy()
     members = [names == name for name in dict.fromkeys(names)]
@@ -146,6 +149,7 @@ def _problem(observations: fit.Observations) -> _Problem:
         jnp.asarray(table["reference"].to_numpy(np.int32)),
         jnp.asarray(table["temporal_only"].to_numpy(), float),
         jnp.asarray(np.stack(members), float),
+        parameters,
     )
 
 

@@ -11,7 +11,7 @@ from .. import fit
 from .._parameters import Formulation, Parameters
 from ._measurements import measurements
 from ._models import camojab, marrr, nas, Textures
-from ._regression import affine, correlation, rank_correlation, rms, slope
+from ._regression import affine, rms, slope
 
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ BLOCKS = (
 SLOPE, AFFINE = "slope", "slope and intercept"
 SHARED, ALONE = "shared", "per block"
 ALONG, BOTH, FULL = "along the motion", "both axes", "none"
+GIVEN = "as given"
 TRACKED, SHOWN = "tracked", "shown"
 
 
@@ -52,9 +53,15 @@ _SETTINGS = {
     "itu_bt2246_resolution": [_Setting(ALONG, SHOWN), _Setting(BOTH, SHOWN)],
 }
 _FULL_RATE = [_Setting(FULL, SHOWN)]
+_OWN = [_Setting(GIVEN, GIVEN)]
+
+
+def _published_settings(data_set: str) -> list[_Setting]:
+    return _SETTINGS.get(data_set, _FULL_RATE)
 
 
 def compare(
+    observations: fit.Observations | None = None,
     *,
     parameters: Parameters | None = None,
     formulation: Formulation = Formulation.RELEASED,
@@ -94,16 +101,22 @@ def compare(
 
     **Arguments:**
 
+    - `observations`: other measurements in JND to compare the models on, in the place
+      of those of Table 5. There is one setting for these, as their table has it, and
+      one that is fair: a slope for each block.
     - `parameters`: of CaMoJAB; the published ones of `formulation` if left out.
     - `progress`: called with the models done and their number.
 
     **Returns:** a row for each model, block and setting, with the columns
 
-    - `model`: `"CaMoJAB"`, `"MARRR"` or `"NAS"`; `block`: the columns of Table 5.
+    - `model`: `"CaMoJAB"`, `"MARRR"` or `"NAS"`; `block`: the columns of Table 5, or
+      those of `observations`.
     - `reduction`: axes that the model is told were coarse, `"along the motion"`,
-      `"both axes"` or, at full rate, `"none"`. NAS is asked along the motion always.
-    - `velocity`: `"shown"` on the screen, or `"tracked"`, |shown - 2| deg/s.
-    - `sharing`: constants `"shared"` by the three blocks, or `"per block"`.
+      `"both axes"` or, at full rate, `"none"`; `"as given"` for `observations`. NAS is
+      asked along the motion always.
+    - `velocity`: `"shown"` on the screen, or `"tracked"`, |shown - 2| deg/s, or `"as
+      given"`.
+    - `sharing`: constants `"shared"` by the blocks of a data set, or `"per block"`.
     - `constants`: `"slope"` or `"slope and intercept"`.
     - `rmse`, `unit`: what remains, [JND] or in the points of the opinion score.
     - `printed`: Table 5's number where this setting is the one behind it, else NaN.
@@ -116,9 +129,14 @@ def compare(
     import pandas as pd
 
     rows = []
-    models = _models(parameters, formulation)
-    for model, setting, part, quality in _predictions(measurements(), models, progress):
-        for constants, sharing in _fits(part["data_set"].iloc[0]):
+    models = all_models(parameters, formulation)
+    if observations is None:
+        chosen, settings = measurements(), _published_settings
+    else:
+        chosen, settings = _in_jnd(observations), lambda data_set: _OWN
+    found = predictions(chosen, models, settings, progress)
+    for model, setting, part, quality in found:
+        for constants, sharing in _fits(part):
             errors = _residuals(part, quality, constants, sharing)
             for block in dict.fromkeys(part["block"]):
                 row = {
@@ -130,7 +148,7 @@ def compare(
                     "rmse": rms(errors[(part["block"] == block).to_numpy()]),
                     "unit": part["unit"].iloc[0],
                 }
-                row["printed"] = _printed(row)
+                row["printed"] = printed(row)
                 row["fair"] = _is_fair(row)
                 rows.append(row)
     return pd.DataFrame(rows)
@@ -168,61 +186,11 @@ def table5(comparison: "pandas.DataFrame") -> "pandas.DataFrame":
     return pd.DataFrame(list(lines.values()), index=index, columns=list(BLOCKS))
 
 
-def validate(
-    *,
-    parameters: Parameters | None = None,
-    formulation: Formulation = Formulation.RELEASED,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> "pandas.DataFrame":
-    """The models on opinion scores that none of their constants were fitted to.
-
-    As `compare`, on the data of Mackin et al. 2016 and ITU-R BT.2246 alone, after a
-    slope and an intercept. CaMoJAB gives the paper's 0.42, 0.28 and 0.69, the last with
-    the resolution reduced along the motion only, as the authors' program has it; told
-    of both axes, which were reduced, it leaves 4.24 of 100 points and MARRR 0.33.
-
-    **Arguments, raises:** as `compare`.
-
-    **Returns:** a row for each model, block and reduction, with the columns `model`,
-    `block`, `reduction`, `rows` (measurements), `slope`, `intercept`, `rmse`, `unit`,
-    `pearson` and `spearman` (correlation of scores and qualities; NaN for a model that
-    does not see what varies) and `printed`, as in `compare`.
-
-    **Source:** Jindal et al. 2021, section 4.6 and Figure 7c.
-    """
-    import pandas as pd
-
-    rows = []
-    models = _models(parameters, formulation)
-    observations = measurements()
-    scored: Any = observations.table
-    scored = scored[scored["unit"] != "JND"]
-    opinions = fit.Observations(scored, observations.textures)
-    for model, setting, part, quality in _predictions(opinions, models, progress):
-        measured = part["measured"].to_numpy(float)
-        factor, intercept = affine(quality, measured)
-        row = {
-            "model": model,
-            "block": part["block"].iloc[0],
-            "reduction": setting.reduction,
-            "rows": len(part),
-            "slope": factor,
-            "intercept": intercept,
-            "rmse": rms(factor * quality + intercept - measured),
-            "unit": part["unit"].iloc[0],
-            "pearson": correlation(quality, measured),
-            "spearman": rank_correlation(quality, measured),
-        }
-        whole = {**row, "sharing": ALONE, "constants": AFFINE, "velocity": SHOWN}
-        row["printed"] = _printed(whole)
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
 Model = Callable[[Any, Textures], Float[np.ndarray, " rows"]]
+Prediction = tuple[str, _Setting, Any, Float[np.ndarray, " rows"]]
 
 
-def _models(
+def all_models(
     parameters: Parameters | None, formulation: Formulation
 ) -> dict[str, Model]:
     parameters = parameters or Parameters.published(formulation)
@@ -230,13 +198,14 @@ def _models(
     return {"CaMoJAB": ours, "MARRR": marrr, "NAS": nas}
 
 
-def _predictions(
+def predictions(
     observations: fit.Observations,
     models: dict[str, Model],
-    progress: Callable[[int, int], None],
-) -> Iterator[tuple[str, _Setting, Any, Float[np.ndarray, " rows"]]]:
+    settings: Callable[[str], list[_Setting]] = _published_settings,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Iterator[Prediction]:
     """Each model's quality of each data set in each setting."""
-    whole, jobs = _all_settings(observations.table)
+    whole, jobs = _all_settings(observations.table, settings)
     for done, (name, model) in enumerate(models.items()):
         progress(done, len(models))
         # All at once, because each number of rows is compiled anew.
@@ -246,13 +215,21 @@ def _predictions(
     progress(len(models), len(models))
 
 
-def _all_settings(table: Any) -> tuple[Any, list[tuple[_Setting, slice]]]:
+def _in_jnd(observations: fit.Observations) -> fit.Observations:
+    table: Any = observations.table.rename(columns={"quality_jnd": "measured"})
+    table = table.reset_index(drop=True).assign(unit="JND")
+    return fit.Observations(table, observations.textures)
+
+
+def _all_settings(
+    table: Any, settings: Callable[[str], list[_Setting]]
+) -> tuple[Any, list[tuple[_Setting, slice]]]:
     """The data sets below one another, once for each setting, and where each lies."""
     import pandas as pd
 
     parts, jobs, start = [], [], 0
     for name, own in table.groupby("data_set", sort=False):
-        for setting in _SETTINGS.get(str(name), _FULL_RATE):
+        for setting in settings(str(name)):
             part = _told(own, setting)
             part["reference"] = start + own.index.get_indexer(own["reference"])
             parts.append(part)
@@ -271,12 +248,12 @@ def _told(part: Any, setting: _Setting) -> Any:
     return part
 
 
-def _fits(data_set: str) -> list[tuple[str, str]]:
-    if data_set == "jindal2021":
-        return [(c, s) for s in (SHARED, ALONE) for c in (SLOPE, AFFINE)]
-    if data_set.startswith("denes2020"):
-        return [(SLOPE, ALONE), (AFFINE, ALONE)]
-    return [(AFFINE, ALONE)]
+def _fits(part: Any) -> list[tuple[str, str]]:
+    """Which constants are fitted, and whether the data set's blocks share them."""
+    if part["unit"].iloc[0] != "JND":
+        return [(AFFINE, ALONE)]
+    sharing = [ALONE] if part["block"].nunique() == 1 else [SHARED, ALONE]
+    return [(constants, s) for s in sharing for constants in (SLOPE, AFFINE)]
 
 
 def _residuals(
@@ -293,7 +270,7 @@ def _residuals(
     return errors
 
 
-def _printed(row: dict[str, Any]) -> float:
+def printed(row: dict[str, Any]) -> float:
     """Table 5's number, if the row's setting is the one it was printed for."""
     model, block = row["model"], row["block"]
     coarse = BOTH if model == "MARRR" else ALONG
@@ -305,6 +282,8 @@ def _printed(row: dict[str, Any]) -> float:
 
 def _is_fair(row: dict[str, Any]) -> bool:
     block = row["block"]
+    if row["reduction"] == GIVEN:
+        return (row["sharing"], row["constants"]) == (ALONE, SLOPE)
     return _choices(row) == _usual(block, BOTH if block == BLOCKS[7] else ALONG, ALONE)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from .. import datasets
-from ..votes import count, Prior, scale
 
 
 if TYPE_CHECKING:
@@ -67,27 +66,6 @@ def jindal2021() -> Observations:
     return Observations(
         _stacked([rates, refresh, judder], pandas), datasets.jindal2021_textures()
     )
-
-
-def simulated() -> Observations:
-    """The same three kinds of experiment, voted on by a simulated observer.
-
-    The shipped votes (`data/simulated_votes.csv`) are scaled to JND here, with the
-    prior of the published scaling.
-    """
-    table: Any = datasets.simulated_conditions()
-    votes: Any = datasets.simulated_votes()
-    table["quality_jnd"] = 0.0
-    table["low_jnd"] = table["high_jnd"] = np.nan
-    for session, rows in table.groupby("session", sort=False):
-        cast = votes[votes["session"] == session]
-        names = list(dict.fromkeys(rows["condition"]))
-        jnd = np.asarray(scale(count(cast, names), prior=Prior.BOUNDED).quality)
-        of = dict(zip(names, jnd, strict=True))
-        measured = rows["condition"].map(of)
-        anchor = table.loc[rows["reference"], "condition"].map(of)
-        table.loc[rows.index, "quality_jnd"] = measured.to_numpy() - anchor.to_numpy()
-    return Observations(table, datasets.builtin_textures())
 
 
 def _described(table: Any, data_set: str, block: Any) -> Any:

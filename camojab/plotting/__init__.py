@@ -4,3 +4,14 @@ from ._calibration import (
     quality_by_refresh_rate as quality_by_refresh_rate,
     quality_by_shading_rate as quality_by_shading_rate,
 )
+from ._fit import profile_likelihood as profile_likelihood
+from ._models import (
+    measured_and_predicted as measured_and_predicted,
+    preferences as preferences,
+    rmse_by_block as rmse_by_block,
+)
+from ._votes import (
+    outlier_distances as outlier_distances,
+    pair_residuals as pair_residuals,
+    scaled_quality as scaled_quality,
+)

@@ -6,14 +6,13 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from ._style import COLOURS, new_figure
+
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 
 
 def quality_by_shading_rate(
@@ -30,7 +29,7 @@ def quality_by_shading_rate(
     rows: Any = table.assign(predicted=predicted, size=1.0 / table["rate_x"])
     rows = _where(rows, rows.groupby("data_set")["size"].nunique() > 1)
     blocks = list(dict.fromkeys(rows["block"]))
-    colours = dict(zip(dict.fromkeys(rows["texture"]), cycle(_COLOURS), strict=False))
+    colours = dict(zip(dict.fromkeys(rows["texture"]), cycle(COLOURS), strict=False))
     widest = rows.groupby("block")["velocity_deg_s"].nunique().max()
     figure, axes = _panels(len(blocks), int(widest))
     for line, block in enumerate(blocks):
@@ -62,7 +61,7 @@ def quality_by_refresh_rate(
     for axis, block in zip(axes[0], blocks, strict=True):
         panel = rows[rows["block"] == block]
         members = panel.groupby("velocity_deg_s", sort=True)
-        for colour, (velocity, points) in zip(cycle(_COLOURS), members, strict=False):
+        for colour, (velocity, points) in zip(cycle(COLOURS), members, strict=False):
             points = points.sort_values("refresh_rate_hz")
             _draw(axis, points, "refresh_rate_hz", f"{velocity:g} deg/s", colour)
         axis.set_title(str(block), fontsize=9)
@@ -92,10 +91,7 @@ def _draw(axis: "Axes", points: Any, along: str, label: str, colour: str) -> Non
 
 
 def _panels(rows: int, columns: int) -> tuple["Figure", list[list["Axes"]]]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(3.0 * columns + 1.6, 2.5 * rows + 0.6))
-    figure.set_layout_engine("constrained")
+    figure = new_figure(3.0 * columns + 1.6, 2.5 * rows + 0.6)
     axes = figure.subplots(rows, columns, squeeze=False, sharey="row")
     return figure, [list(row) for row in axes]
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.stats import binomtest
 
+from camojab._columns import TableError
 from camojab.votes import count, preference, simulate
 
 
@@ -95,14 +96,44 @@ def test_unknown_names_are_refused(row):
         count(votes(("x", "y", True), row), ["x", "y"])
 
 
+@pytest.mark.parametrize(
+    "row, message",
+    [
+        (("x", "y", np.nan), "`votes`, row 1: `a_preferred` must be .*, got None"),
+        (("x", "y", "no"), "`votes`, row 1: `a_preferred` must be .*, got 'no'"),
+        (("x", None, True), "`votes`, row 1: `condition_b` must not be empty"),
+        (("y", "y", True), "`votes`, row 1: a condition must be compared with another"),
+    ],
+)
+def test_rows_that_are_no_votes_are_refused(row, message):
+    with pytest.raises(TableError, match=message):
+        count(votes(("x", "y", True), row), ["x", "y"])
+
+
+def test_text_is_read_as_it_is_in_a_file():
+    cast = votes(("x", "y", "False"), ("x", "y", "true"), ("x", "y", "0"))
+    np.testing.assert_array_equal(count(cast, ["x", "y"]), [[0, 1], [2, 0]])
+
+
+def test_a_column_that_is_missing_is_named():
+    with pytest.raises(TableError, match="column `condition_b`, got condition_a, a_pr"):
+        count(votes(("x", "y", True)).drop(columns="condition_b"), ["x", "y"])
+
+
+def test_names_that_are_there_twice_are_refused():
+    with pytest.raises(ValueError, match="`conditions` must .* once, got 'x' again"):
+        count(votes(("x", "y", True)), ["x", "y", "x"])
+
+
 @settings(deadline=None, max_examples=30)
 @given(
     st.lists(
-        st.tuples(st.sampled_from("abc"), st.sampled_from("abc"), st.booleans()),
+        st.tuples(st.sampled_from(["ab", "ba", "bc", "cb", "ca", "ac"]), st.booleans()),
         max_size=40,
     )
 )
 def test_every_vote_is_counted_once(rows):
+    rows = [(*pair, preferred) for pair, preferred in rows]
     wins = count(votes(*rows), ["a", "b", "c"])
     assert wins.sum() == len(rows)
     for i, name in enumerate("abc"):

@@ -1,0 +1,63 @@
+"""CSV files as they stand, with the line at which each row begins."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ._columns import Problem, TableError
+
+
+class CsvTable(NamedTuple):
+    """Header and rows of texts; `lines` has the line at which each row begins."""
+
+    path: Path
+    header: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+
+    def columns(self, names: Iterable[str]) -> dict[str, list[str]]:
+        """Those of the named columns that the table has."""
+        indices = {n: self.header.index(n) for n in names if n in self.header}
+        return {name: [row[i] for row in self.rows] for name, i in indices.items()}
+
+    def error(self, problems: Sequence[Problem]) -> TableError:
+        """The error of these problems, a sentence each that names its line."""
+        ordered = sorted(problems)
+        lines = [f"{self.path}, line {self.lines[p.row]}: {p.message}" for p in ordered]
+        return TableError("\n".join(lines), ordered)
+
+
+def read_csv(path: Path) -> CsvTable:
+    """Read a table whose rows all have as many cells as its header; no empty lines.
+
+    **Raises:** `TableError` naming the file, and the line of everything that is wrong;
+    `OSError` if the file cannot be read.
+    """
+    rows, lines, ragged = [], [], []
+    # Spreadsheets put a byte order mark before the first name.
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.reader(file, strict=True)
+        try:
+            header = next(reader, [])
+            line = reader.line_num + 1
+            for row in reader:
+                if row and len(row) != len(header):
+                    cells = f"{len(header)} cell{'' if len(header) == 1 else 's'}"
+                    rule = f"must have {cells}, as the header, got {len(row)}."
+                    ragged.append(Problem(len(rows), rule))
+                if row:
+                    rows.append(row)
+                    lines.append(line)
+                line = reader.line_num + 1
+        except UnicodeDecodeError as error:
+            raise TableError(f"{path}: must be text in UTF-8 ({error}).") from error
+        except csv.Error as error:
+            where = f"{path}, line {reader.line_num}"
+            raise TableError(f"{where}: must be CSV ({error}).") from error
+    if not header:
+        raise TableError(f"{path}: must begin with the names of the columns.")
+    table = CsvTable(path, header, rows, lines)
+    if ragged:
+        raise table.error(ragged)
+    return table

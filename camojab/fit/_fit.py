@@ -1,0 +1,260 @@
+"""Fit the model's constants to JND or to votes, and say how well they are known."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._display import Components
+from .._newton import minimise
+from .._parameters import Formulation, Parameters
+from ._comparisons import Comparisons, scaled
+from ._constants import Constants, constants
+from ._information import check_identifiable, covariance
+from ._problem import Data, Problem, problem, Progress
+from ._solvers import least_squares, Solution, Solver
+
+
+DEFAULT = ("ws", "wt", "beta", "scales")
+
+# A constant with less information than this about its logarithm is not known at all.
+_LEAST = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What a fit found, how well it is known, and how far it got.
+
+    - `parameters`: in the scale of the first data set, whose own factor is 1 unless it
+      was freed.
+    - `scales`: the factor of each data set but the first. [1], or, for one where only
+      the judder differs, [JND] per unit of temporal distortion.
+    - `lapse`: probability that an observer guesses. [1].
+    - `free`: names of the constants that were fitted, in the order of `values`,
+      `covariance` and `standard_error`; units as in `camojab.Parameters`.
+    - `covariance`: from the expected information, carried over from the logarithms that
+      were searched: natural units. It takes the data as independent, which JND that
+      were scaled from the same votes, and votes of the same observer, are not: see
+      `bootstrap`.
+    - `predicted`: quality of each row relative to its reference. [JND].
+    - `rmse`: root mean square error of each block, references included, which are 0 on
+      both sides. [JND]. For votes, of the JND that `Prior.BOUNDED` scales them to;
+      empty where they cannot be scaled.
+    - `total_rmse`: of all rows together. [JND].
+    - `log_likelihood`: of the data. For JND with normal errors of one unknown standard
+      deviation; for votes without binomial constants.
+    - `aic`, `bic`: information criteria; the standard deviation counts as a constant,
+      references do not count as data.
+    - `steps`, `converged`, `verdict`: of the solver; the verdict is a sentence.
+    - `solver`, `formulation`: as they were chosen.
+    - `problem`: what was solved, for everything that solves it again.
+    """
+
+    parameters: Parameters
+    scales: dict[str, float]
+    lapse: float
+    free: tuple[str, ...]
+    values: Float[np.ndarray, " free"]
+    covariance: Float[np.ndarray, "free free"]
+    predicted: Float[np.ndarray, " rows"]
+    rmse: dict[str, float]
+    total_rmse: float
+    log_likelihood: float
+    aic: float
+    bic: float
+    steps: int
+    converged: bool
+    verdict: str
+    solver: Solver
+    formulation: Formulation
+    data: Data
+    problem: Problem
+    point: Float[np.ndarray, " free"]
+
+    @property
+    def standard_error(self) -> Float[np.ndarray, " free"]:
+        """Of each free constant, in its own unit."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "free free"]:
+        """Of the free constants. [1]."""
+        error = self.standard_error
+        return self.covariance / np.outer(error, error)
+
+    def report(self) -> str:
+        """One line to quote beside any number."""
+        error = dict(zip(self.free, self.standard_error, strict=True))
+        known = dict(zip(self.free, self.values, strict=True))
+        shown = (f"{name}={known[name]:.6g}±{error[name]:.2g}" for name in self.free)
+        return f"{self.formulation.value}, {', '.join(shown)}"
+
+
+def fit(
+    data: Data,
+    *,
+    free: Iterable[str] = DEFAULT,
+    formulation: Formulation = Formulation.RELEASED,
+    start: Parameters | None = None,
+    components: Components | None = None,
+    solver: Solver | None = None,
+    max_steps: int = 256,
+    progress: Progress = lambda done, total: None,
+) -> Fit:
+    """Fit constants of the model to JND by least squares, or to votes by likelihood.
+
+    For `Observations` the sum of squared errors [JND] is as small as possible, for
+    `Comparisons` the votes are as likely as possible, without a scaling in between:
+    a vote for A over B has probability lapse/2 + (1 - lapse) Phi((qA - qB)/1.4826).
+    The search is over logarithms, which keep every constant on its side of zero. To be
+    run in double precision.
+
+    **Arguments:**
+
+    - `free`: the constants to fit: fields of `camojab.Parameters`, `"scale:NAME"` for
+        the factor of a data set, `"scales"` for those of all but the first, `"lapse"`
+        for votes. The rest is held at `start`, scales at 1 and the lapse at 0. With
+        `beta`, weights, scales and lapse alone the fit takes milliseconds once spectra
+        are pooled; the others need the pooled spectra at every step.
+    - `formulation`, `components`: of the model.
+    - `start`: the published constants of the formulation if left out.
+    - `solver`: Levenberg-Marquardt for JND and scoring for votes if left out.
+    - `progress`: called with the textures done and their number while spectra are
+        pooled.
+
+    **Returns:** see `Fit`. A search that did not meet its tolerance is returned too,
+    and says so.
+
+    **Raises:** `ValueError` for an unknown or repeated name, a start on the wrong side
+    of zero, no more data than constants, constants without effect on the data, and
+    constants of which only combinations have one; these are named.
+
+    **Source:** Jindal et al. 2021, section 4.4; Levenberg 1944 and Marquardt 1963;
+    votes as in Perez-Ortiz and Mantiuk 2017, arXiv:1712.03686.
+    """
+    start = start or Parameters.published(formulation)
+    chosen = constants(free, list(dict.fromkeys(data.table["data_set"])), start)
+    names = chosen.free
+    if solver is None:
+        votes = isinstance(data, Comparisons)
+        solver = Solver.SCORING if votes else Solver.LEVENBERG_MARQUARDT
+    posed = problem(data, chosen, formulation, components or Components(), progress)
+    if posed.target.size() <= len(names):
+        raise ValueError(
+            f"`data` must have more values than the {len(names)} constants to fit, got "
+            f"{posed.target.size()}."
+        )
+    begin = chosen.point()
+    check_identifiable(np.asarray(_evidence(posed, begin)), names)
+    found = solve(posed, _approach(posed, solver, max_steps), solver, max_steps)
+    root = np.asarray(_evidence(posed, found.point))
+    # Where a search was given up, what it has no information about means nothing.
+    if bool(found.converged):
+        check_identifiable(root, names, least=_LEAST)
+    return _summary(data, posed, found, root, solver, formulation)
+
+
+@eqx.filter_jit
+def solve(
+    problem: Problem,
+    start: Float[Array, " free"],
+    solver: Solver = Solver.LEVENBERG_MARQUARDT,
+    max_steps: int = 256,
+) -> Solution:
+    """Search for the smallest sum of squared residuals; may be vmapped."""
+    if solver is Solver.SCORING:
+        found = minimise(problem.look, start, secant=True, max_steps=max_steps)
+        return Solution(found.place.at, found.steps, found.converged)
+    return least_squares(_residuals, start, problem, solver, max_steps)
+
+
+def _approach(
+    posed: Problem, solver: Solver, max_steps: int
+) -> Float[Array, " free"]:
+    """Where the search for all constants begins.
+
+    With the lapse rate, this is the optimum of the others with the lapse held: far from
+    it a step may take the lapse to 0, from where there is no way back.
+    """
+    chosen = posed.constants
+    others = tuple(name for name in chosen.free if name != "lapse")
+    if others in (chosen.free, ()):
+        return chosen.point()
+    held = eqx.tree_at(lambda p: p.constants, posed, chosen.freed(others))
+    found = solve(held, held.constants.point(), solver, max_steps)
+    return held.constants.at(found.point).freed(chosen.free).point()
+
+
+@eqx.filter_jit
+def _evidence(problem: Problem, point: Float[Array, " free"]) -> Array:
+    return problem.evidence(point)
+
+
+def _residuals(point: Float[Array, " free"], problem: Problem) -> Array:
+    return problem.residuals(point)
+
+
+def _summary(
+    data: Data,
+    posed: Problem,
+    found: Solution,
+    root: Float[np.ndarray, "data free"],
+    solver: Solver,
+    formulation: Formulation,
+) -> Fit:
+    at: Constants = posed.constants.at(found.point)
+    slope = np.asarray(at.slope(), np.float64)
+    predicted = np.asarray(posed.quality(at), np.float64)
+    likelihood = float(posed.log_likelihood(found.point))
+    count = len(at.free) + posed.target.NUISANCES
+    rmse, total = _errors(data, predicted)
+    scales = np.asarray(at.scale, np.float64).tolist()
+    steps, good = int(found.steps), bool(found.converged)
+    return Fit(
+        parameters=at.parameters,
+        scales=dict(zip(at.data_sets[1:], scales[1:], strict=True)),
+        lapse=float(at.lapse),
+        free=at.free,
+        values=np.asarray(at.values(), np.float64),
+        covariance=covariance(root) * np.outer(slope, slope),
+        predicted=predicted,
+        rmse=rmse,
+        total_rmse=total,
+        log_likelihood=likelihood,
+        aic=2.0 * count - 2.0 * likelihood,
+        bic=count * float(np.log(posed.target.size())) - 2.0 * likelihood,
+        steps=steps,
+        converged=good,
+        verdict=(
+            f"met its tolerance after {steps} steps"
+            if good
+            else f"stopped after {steps} steps without meeting its tolerance"
+        ),
+        solver=solver,
+        formulation=formulation,
+        data=data,
+        problem=posed,
+        point=np.asarray(found.point),
+    )
+
+
+def _errors(
+    data: Data, predicted: Float[np.ndarray, " rows"]
+) -> tuple[dict[str, float], float]:
+    if isinstance(data, Comparisons):
+        try:
+            data = scaled(data)
+        except ValueError:
+            return {}, float("nan")
+    table: Any = data.table
+    errors = predicted - table["quality_jnd"].to_numpy()
+    blocks = table["block"].to_numpy()
+    each = {str(b): _rms(errors[blocks == b]) for b in dict.fromkeys(blocks)}
+    return each, _rms(errors)
+
+
+def _rms(errors: Float[np.ndarray, " rows"]) -> float:
+    return float(np.sqrt(np.mean(errors**2)))
