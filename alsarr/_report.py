@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from camojab import Parameters
 from camojab._files import write_text
 from camojab._page import Html, page, picture, table, text
 
@@ -76,7 +77,7 @@ def _fit_table(inputs: Inputs, found: Result) -> Html:
 
 
 def _fit_text(found: Result) -> Html:
-    constants = ", ".join(f"{k} = {v:.6g}" for k, v in found["parameters"].items())
+    constants = Parameters(**found["parameters"]).report()
     scales = ", ".join(f"{k} = {v:.6g}" for k, v in found["scales"].items())
     return text(
         f"Constants in the scale of the first data set: {constants}. Scales of the "

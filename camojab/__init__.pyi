@@ -11,6 +11,7 @@ from ._csf import sensitivity as sensitivity
 from ._display import (
     Components as Components,
     Display as Display,
+    LowPass as LowPass,
     Shading as Shading,
     Viewing as Viewing,
 )

@@ -8,6 +8,7 @@ import numpy as np
 
 from . import comparison, datasets, fit
 from ._command import print_table, Study, usable
+from ._display import LowPass
 from ._page import Html, page, picture, table, text
 from ._parameters import load_parameters
 from ._results import (
@@ -184,6 +185,11 @@ def _by_parts(found: Any) -> "pandas.DataFrame":
             _PARTS[kind] for kind, there in zip(kinds, row, strict=True) if there
         )
         for row in found[kinds].itertuples(index=False, name=None)
+    ]
+    lorentzian = LowPass.LORENTZIAN.value
+    names = [
+        name if shape == lorentzian else f"{name}, {shape} for Lorentzian"
+        for name, shape in zip(names, found["low_pass"], strict=True)
     ]
     rows = found.assign(parts=names, rmse=found["rmse_jnd"])
     wide = _wide(rows, ["parts"])

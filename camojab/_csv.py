@@ -21,6 +21,16 @@ class CsvTable(NamedTuple):
         indices = {n: self.header.index(n) for n in names if n in self.header}
         return {name: [row[i] for row in self.rows] for name, i in indices.items()}
 
+    def ragged(self) -> list[Problem]:
+        """A problem for each row that has not as many cells as the header."""
+        count = len(self.header)
+        rule = f"must have {count} cell{'' if count == 1 else 's'}, as the header"
+        return [
+            Problem(number, f"{rule}, got {len(row)}.")
+            for number, row in enumerate(self.rows)
+            if len(row) != count
+        ]
+
     def error(self, problems: Sequence[Problem]) -> TableError:
         """The error of these problems, a sentence each that names its line."""
         ordered = sorted(problems)
@@ -34,7 +44,15 @@ def read_csv(path: Path) -> CsvTable:
     **Raises:** `TableError` naming the file, and the line of everything that is wrong;
     `OSError` if the file cannot be read.
     """
-    rows, lines, ragged = [], [], []
+    table = read_rows(path)
+    if ragged := table.ragged():
+        raise table.error(ragged)
+    return table
+
+
+def read_rows(path: Path) -> CsvTable:
+    """Read a table whose rows may have any number of cells; otherwise as `read_csv`."""
+    rows, lines = [], []
     # Spreadsheets put a byte order mark before the first name.
     with path.open(encoding="utf-8-sig", newline="") as file:
         reader = csv.reader(file, strict=True)
@@ -42,10 +60,6 @@ def read_csv(path: Path) -> CsvTable:
             header = next(reader, [])
             line = reader.line_num + 1
             for row in reader:
-                if row and len(row) != len(header):
-                    cells = f"{len(header)} cell{'' if len(header) == 1 else 's'}"
-                    rule = f"must have {cells}, as the header, got {len(row)}."
-                    ragged.append(Problem(len(rows), rule))
                 if row:
                     rows.append(row)
                     lines.append(line)
@@ -57,7 +71,4 @@ def read_csv(path: Path) -> CsvTable:
             raise TableError(f"{where}: must be CSV ({error}).") from error
     if not header:
         raise TableError(f"{path}: must begin with the names of the columns.")
-    table = CsvTable(path, header, rows, lines)
-    if ragged:
-        raise table.error(ragged)
-    return table
+    return CsvTable(path, header, rows, lines)

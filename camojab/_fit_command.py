@@ -54,7 +54,7 @@ _FORMATS = {
     "profile_high": ".4g",
 }
 _ERRORS = (
-    "standard_error is from the expected information and takes the data as "
+    "standard_error is from the information in the data, which it takes as "
     "independent. bootstrap_error, low and high (95%) are from refits to observers "
     "drawn again and do not; where votes have no known observers the votes of each "
     "pair are drawn. profile_low and profile_high are the ends of the 95% likelihood "

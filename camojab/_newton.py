@@ -1,5 +1,6 @@
 """Minima of smooth functions of a few numbers, alone or many side by side."""
 
+import math
 from collections.abc import Callable
 
 import equinox as eqx
@@ -42,6 +43,7 @@ def minimise(
     start: Float[Array, " n"],
     *,
     secant: bool = False,
+    reach: float = math.inf,
     max_steps: int = 100,
 ) -> Minimum:
     """Newton's method, damped as by Levenberg and Marquardt; may be vmapped.
@@ -50,7 +52,8 @@ def minimise(
     numbers can tell.
 
     `secant` is for a curvature that stands for the Hessian: what it lacks is learnt
-    from how the gradient changes, or steps that are always too long would zigzag.
+    from how the gradient changes, or steps that are always too long would zigzag. The
+    search is given up where any number has moved by more than `reach`.
 
     **Source:** Dennis, Gay and Welsch 1981, doi:10.1145/355958.355965.
     """
@@ -88,7 +91,11 @@ def minimise(
         jnp.eye(len(start), dtype=start.dtype),
     )
     search = jax.lax.while_loop(
-        lambda search: ~search.converged & (search.step <= max_steps),
+        lambda search: (
+            ~search.converged
+            & (search.step <= max_steps)
+            & (jnp.max(jnp.abs(search.place.at - start)) <= reach)
+        ),
         advance,
         _Search(
             nowhere,

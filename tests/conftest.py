@@ -50,13 +50,19 @@ def _why_missing(name):
     return ""
 
 
+def _need(*names):
+    for name in names:
+        if reason := _why_missing(name):
+            pytest.skip(reason)
+
+
 @pytest.fixture
 def real_data():
     """Skip the test, with the reason, unless the named public files can be had."""
+    return _need
 
-    def need(*names):
-        for name in names:
-            if reason := _why_missing(name):
-                pytest.skip(reason)
 
-    return need
+@pytest.fixture(scope="module")
+def module_data():
+    """The same for the fixtures of a module."""
+    return _need

@@ -113,11 +113,16 @@ def textures():
     return {"brick": np.full((2, 3), 0.5), "grass": np.eye(3)}
 
 
-def comparisons(observers=12, seed=0, data_sets=("rates", "refresh", "judder")):
-    """Every observer votes once on every pair."""
+def comparisons(
+    observers=12, seed=0, data_sets=("rates", "refresh", "judder"), lapse=0.0
+):
+    """Every observer votes once on every pair, or guesses."""
     rows = _table()
     a, b = np.tile(pairs().T, observers)
-    preferred = simulate(quality()[a], quality()[b], np.random.default_rng(seed))
+    draw = np.random.default_rng(seed)
+    preferred = simulate(quality()[a], quality()[b], draw)
+    guessed = draw.random(len(a)) < lapse
+    preferred = np.where(guessed, draw.random(len(a)) < 0.5, preferred)
     votes = pd.DataFrame(
         {
             "observer": np.repeat([f"o{k}" for k in range(observers)], len(pairs())),
@@ -149,12 +154,13 @@ def fitted(data, *, target=None, **options):
     """`fit.fit` with the moments of `moments`, and `target` in the place of votes."""
     place = _table().set_index(["group", "condition"]).index
 
-    def stand_in(data, table, *rest):
-        rows = place.get_indexer([*zip(table["group"], table["condition"], strict=True)])
+    def stand_in(data, *rest):
+        names = zip(data.table["group"], data.table["condition"], strict=True)
+        rows = place.get_indexer([*names])
         return jax.tree.map(lambda x: x[rows], moments())
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_problem, "_moments", stand_in)
+        patch.setattr(_problem, "all_moments", stand_in)
         if target is not None:
             patch.setattr(_problem, "vote_target", lambda votes, counted: target)
         return fit.fit(data, **{"start": START, **options})

@@ -6,9 +6,23 @@ import numpy as np
 import pytest
 
 from camojab import Formulation, load_parameters, Parameters, save_parameters
+from camojab._parameters import FACTORS
 
 
-VALUES = {"ws": -3.7, "wt": -2.9, "beta": 0.36, "ca": 0.0016, "cb": 0.08}
+VALUES = {
+    "ws": -3.7,
+    "wt": -2.9,
+    "beta": 0.36,
+    "ca": 0.0016,
+    "cb": 0.08,
+    "mipmap_width": 1.1,
+    "hold_width": 0.9,
+    "pursuit_width": 1.2,
+    "achromatic_gain": 0.8,
+    "red_green_gain": 1.3,
+    "yellow_violet_gain": 0.7,
+    "velocity_gain": 1.05,
+}
 
 
 def test_published_constants_of_the_released_program():
@@ -45,6 +59,22 @@ def test_defaults_of_the_eye_blur():
     np.testing.assert_allclose([ours.ca, ours.cb], [0.001648, 0.079818], rtol=1e-6)
 
 
+def test_factors_are_one_by_default():
+    ours = Parameters(ws=1, wt=1, beta=1)
+    assert set(FACTORS) == set(list(VALUES)[5:])
+    assert [getattr(ours, name) for name in FACTORS] == [1.0] * 7
+
+
+@pytest.mark.parametrize("name", list(VALUES)[2:])
+@pytest.mark.parametrize("value", [-1.0, 0.0, np.inf, np.nan])
+def test_constants_out_of_range_are_named(name, value):
+    if name in ("ca", "cb") and value == 0:
+        return
+    rule = ">= 0" if name in ("ca", "cb") else "> 0"
+    with pytest.raises(ValueError, match=rf"`{name}` must be finite, {rule}.*, got"):
+        Parameters(**VALUES | {name: value})
+
+
 # ---- files
 
 
@@ -52,7 +82,8 @@ def test_defaults_of_the_eye_blur():
 def test_round_trip_keeps_every_bit(tmp_path, formulation):
     random = np.random.default_rng(0)
     draw = lambda: jnp.asarray(float(random.lognormal(-2)), float)
-    ours = Parameters(ws=-draw(), wt=-draw(), beta=draw(), ca=draw(), cb=draw())
+    sign = lambda name: -1 if name in ("ws", "wt") else 1
+    ours = Parameters(**{name: sign(name) * draw() for name in VALUES})
     path = tmp_path / "new" / "parameters.json"
     save_parameters(path, ours, formulation, provenance="a test")
     loaded, of = load_parameters(path)
@@ -80,7 +111,9 @@ def test_file_says_what_it_holds(tmp_path):
         "beta": "1",
         "ca": "s",
         "cb": "deg",
+        **dict.fromkeys(FACTORS, "1"),
     }
+    assert document["parameters"] == pytest.approx(VALUES, rel=1e-6)
     assert document["provenance"] == "a test" and document["rmse_jnd"] == 0.5
     load_parameters(path)
 
@@ -124,6 +157,7 @@ WRONG = {
     "a null": json.dumps(GOOD | {"parameters": VALUES | {"ws": None}}),
     "nan": json.dumps(GOOD | {"parameters": VALUES | {"ws": float("nan")}}),
     "negative beta": json.dumps(GOOD | {"parameters": VALUES | {"beta": -1}}),
+    "no width": json.dumps(GOOD | {"parameters": VALUES | {"hold_width": 0}}),
 }
 
 
@@ -151,6 +185,7 @@ def test_wrong_files_are_named(tmp_path, text):
         ("a null", "ws"),
         ("nan", "ws"),
         ("negative beta", "beta"),
+        ("no width", "hold_width"),
     ],
 )
 def test_wrong_entries_are_named(tmp_path, wrong, named):
@@ -179,6 +214,22 @@ def test_missing_file(tmp_path):
 def test_report_is_one_line():
     line = Parameters(ws=-3.5, wt=-2.25, beta=0.375, ca=0, cb=0.5).report()
     assert line == "ws=-3.5, wt=-2.25, beta=0.375, ca=0, cb=0.5"
+
+
+def test_report_names_the_factors_that_are_not_one():
+    line = Parameters(
+        ws=-3.5, wt=-2.25, beta=0.375, ca=0, cb=0.5, hold_width=2
+    ).report()
+    assert line == "ws=-3.5, wt=-2.25, beta=0.375, ca=0, cb=0.5, hold_width=2"
+
+
+def test_files_from_before_the_factors_are_read(tmp_path):
+    path = tmp_path / "file.json"
+    few = {name: VALUES[name] for name in list(VALUES)[:5]}
+    path.write_text(json.dumps({"formulation": "released", "parameters": few}))
+    loaded, _ = load_parameters(path)
+    assert loaded.mipmap_width == 1 and loaded.velocity_gain == 1
+    np.testing.assert_allclose(loaded.ca, few["ca"], rtol=1e-6)
 
 
 def test_report_of_many_is_one_line():

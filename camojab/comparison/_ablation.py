@@ -1,7 +1,6 @@
 """What each part of the model contributes: the fit repeated without it."""
 
 from collections.abc import Callable, Mapping
-from itertools import product
 from typing import Any, TYPE_CHECKING
 
 import equinox as eqx
@@ -12,11 +11,9 @@ import optimistix as optx
 from jaxtyping import Array, Float, Int
 
 from .. import fit
-from .._condition import Condition
-from .._display import Components
+from .._display import Components, LowPass
 from .._parameters import Formulation, Parameters
-from .._spectrum import Spectrum
-from ._models import conditions
+from ..fit._problem import all_moments
 
 
 if TYPE_CHECKING:
@@ -33,6 +30,10 @@ MASKS = (
     (False, True, False),
     (False, False, True),
 )
+VARIANTS = (
+    *((*mask, LowPass.LORENTZIAN) for mask in MASKS),
+    *((*MASKS[0], low_pass) for low_pass in (LowPass.SINC, LowPass.GAUSSIAN)),
+)
 
 
 def ablation(
@@ -42,6 +43,8 @@ def ablation(
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> "pandas.DataFrame":
     """Refit the model with each of the seven sets of its parts, and see what remains.
+
+    And with all of them, but another low-pass filter in the place of the Lorentzian.
 
     The exponent, the weights and the data sets' scales are free, all of them >= 0 (a
     weight may become 0). For any exponent and ratio of the weights the best scales are
@@ -55,13 +58,14 @@ def ablation(
     **Arguments:**
 
     - `observations`: `camojab.fit.jindal2021()` if left out.
-    - `progress`: called with the textures done and their number, each counted four
+    - `progress`: called with the textures done and their number, each counted six
       times, while spectra are pooled.
 
     **Returns:** a row for each set of parts and block, and for all blocks together
     (`"all"`), with the columns
 
     - `vrs`, `eye_blur`, `judder`: which parts are there, as in `camojab.Components`.
+    - `low_pass`: the name of `camojab.LowPass` of every blur.
     - `block`, `rmse_jnd`: what remains. [JND]
     - `beta`: the fitted exponent; `temporal_share`: wt/(ws + wt), of no meaning where
       either distortion has no effect. The search starts at the published exponent.
@@ -89,9 +93,10 @@ def ablation(
     log_beta = jnp.log(published.beta)
     start = jnp.stack([log_beta, jnp.zeros_like(log_beta)])
     rows = []
-    for vrs, eye_blur, judder in MASKS:
-        parts = {"vrs": vrs, "eye_blur": eye_blur, "judder": judder}
-        moments = pooled[vrs, eye_blur]
+    for vrs, eye_blur, judder, low_pass in VARIANTS:
+        parts: dict[str, Any] = {"vrs": vrs, "eye_blur": eye_blur, "judder": judder}
+        parts["low_pass"] = low_pass.value
+        moments = pooled[vrs, eye_blur, low_pass]
         weight = moments.weight.at[:, 2].multiply(float(judder))
         refit = _solve(problem, fit.Moments(moments.log, weight), start)
         rows += [parts | row for row in _rows(chosen.table, *refit)]
@@ -173,25 +178,19 @@ def _all_moments(
     observations: fit.Observations,
     formulation: Formulation,
     progress: Callable[[int, int], None],
-) -> Mapping[tuple[bool, bool], fit.Moments]:
-    """By `vrs` and `eye_blur`; the judder only has to be left out of a sum."""
-    table: Any = observations.table.reset_index(drop=True)
-    names = table["texture"].to_numpy()
-    textures = list(dict.fromkeys(names))
-    order = np.argsort(np.concatenate([np.flatnonzero(names == n) for n in textures]))
+) -> Mapping[tuple[bool, bool, LowPass], fit.Moments]:
+    """By `vrs`, `eye_blur` and `low_pass`; judder only has to be left out of a sum."""
+    wanted = list(dict.fromkeys((v, e, shape) for v, e, _, shape in VARIANTS))
     parameters = Parameters.published(formulation)
     pooled = {}
-    wanted = list(product((True, False), repeat=2))
-    for turn, (vrs, eye_blur) in enumerate(wanted):
-        components = Components(vrs=vrs, eye_blur=eye_blur)
-        parts = []
-        for done, name in enumerate(textures):
-            progress(turn * len(textures) + done, len(wanted) * len(textures))
-            spectrum = Spectrum.from_texture(observations.textures[name])
-            described = conditions(table[names == name])
-            c = Condition(*described, components, parameters)
-            parts.append(fit.moments(spectrum, c, formulation=formulation))
-        stacked = jax.tree.map(lambda *x: jnp.concatenate(x)[order], *parts)
-        pooled[vrs, eye_blur] = stacked
-    progress(len(wanted) * len(textures), len(wanted) * len(textures))
+    for turn, (vrs, eye_blur, low_pass) in enumerate(wanted):
+        pooled[vrs, eye_blur, low_pass] = all_moments(
+            observations,
+            parameters,
+            formulation,
+            Components(vrs=vrs, eye_blur=eye_blur, low_pass=low_pass),
+            lambda done, total, turn=turn: progress(
+                turn * total + done, len(wanted) * total
+            ),
+        )
     return pooled

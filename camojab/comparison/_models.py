@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .._display import Display, Shading, Viewing
+from .._display import Display
 from .._parameters import Formulation, Parameters
 from .._quality import distortion
 from .._spectrum import Spectrum
@@ -20,28 +20,10 @@ from ..baselines import (
     quality_yang2019,
     texture_error_yang2019,
 )
+from ..fit._problem import conditions
 
 
 Textures = Mapping[str, Float[np.ndarray, "height width"]]
-
-
-def conditions(table: Any) -> tuple[Display, Viewing, Shading]:
-    """The rows of a table as one batch of the model's conditions."""
-    column = lambda name: table[name].to_numpy(float)
-    return (
-        Display(
-            ppd=column("ppd"),
-            refresh_rate=column("refresh_rate_hz"),
-            luminance=column("mean_luminance_cd_m2"),
-            persistence=column("persistence"),
-        ),
-        Viewing(column("velocity_deg_s")),
-        Shading(
-            rate_x=column("rate_x"),
-            rate_y=column("rate_y"),
-            mip_level=column("mip_level"),
-        ),
-    )
 
 
 def camojab(

@@ -9,7 +9,7 @@ from jaxtyping import Bool
 
 from ._comparisons import Comparisons
 from ._constants import Constants
-from ._fit import Fit, solve
+from ._fit import Fit, search
 from ._problem import Problem
 from ._targets import JndTarget, Target, vote_target
 
@@ -46,7 +46,7 @@ def cross_validate(fit: Fit, by: str) -> "pandas.DataFrame":
     if by not in table:
         raise ValueError(f"`by` must be of {', '.join(table)}, got {by!r}.")
     column = table[by].to_numpy()
-    values = list(dict.fromkeys(column))
+    values = list(dict.fromkeys(column.tolist()))
     if len(values) < 2:
         raise ValueError(f"`by` must have two values or more, got {by!r} with one.")
     return pd.DataFrame([{by: v, **_fold(fit, column == v, by, v)} for v in values])
@@ -64,12 +64,12 @@ def _fold(
     own, held = _idle_scales(fit, train)
     kept = [name for name in fit.free if name not in (*own, *held)]
     posed = _posed(fit.problem, train, kept)
-    found = solve(posed, posed.constants.point(), fit.solver)
+    found = search(posed, fit.solver)
     at = posed.constants.at(found.point)
     if own:
         best = _posed(_holding(fit.problem, at), test, own)
-        at = best.constants.at(solve(best, best.constants.point(), fit.solver).point)
-    whole = Constants(at.parameters, at.scale, at.lapse, fit.free, at.data_sets)
+        at = best.constants.at(search(best, fit.solver).point)
+    whole = at.freed(fit.free)
     return {
         "size": test.size(),
         **_scores(fit.problem, whole, train, test),
@@ -110,10 +110,8 @@ def _idle_scales(fit: Fit, train: Target) -> tuple[list[str], list[str]]:
 
 
 def _posed(problem: Problem, target: Target, free: list[str]) -> Problem:
-    c = problem.constants
-    constants = Constants(c.parameters, c.scale, c.lapse, tuple(free), c.data_sets)
     where = lambda p: (p.target, p.constants)
-    return eqx.tree_at(where, problem, (target, constants))
+    return eqx.tree_at(where, problem, (target, problem.constants.freed(free)))
 
 
 def _holding(problem: Problem, constants: Constants) -> Problem:

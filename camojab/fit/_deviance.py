@@ -56,7 +56,8 @@ def deviance_residual(
     series = small * jnp.sqrt(2 * (_series(small / a) / a + _series(-small / b) / b))
     entropy = xlogy(share, share) + xlogy(1 - share, 1 - share)
     divergence = entropy - share * log_a - (1 - share) * log_b
-    some = ~near & (divergence > 0)
+    # What is not a number must stay so.
+    some = ~near & ~(divergence <= 0)
     root = jnp.sqrt(2 * jnp.where(some, divergence, 1))
     direct = jnp.where(some, jnp.sign(excess) * root, 0)
     return jnp.sqrt(votes) * jnp.where(near, series, direct)

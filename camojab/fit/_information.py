@@ -48,3 +48,15 @@ def covariance(root: Float[np.ndarray, "data free"]) -> Float[np.ndarray, "free 
         return np.full((root.shape[1],) * 2, np.nan)
     half = vectors.T / values
     return half @ half.T
+
+
+def inverse(
+    information: Float[np.ndarray, "free free"],
+) -> Float[np.ndarray, "free free"]:
+    """Of a positive definite matrix; not a number if it is none."""
+    wide = np.asarray(information, np.float64)
+    try:
+        half = np.linalg.inv(np.linalg.cholesky(wide))
+    except np.linalg.LinAlgError:
+        return np.full(wide.shape, np.nan)
+    return half.T @ half

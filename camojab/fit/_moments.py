@@ -5,6 +5,7 @@ w over log x keeps all that the exponent can see of a quarter of a million bins 
 dozen nodes, so that refitting needs no spectrum and no time.
 """
 
+import hashlib
 import math
 
 import equinox as eqx
@@ -65,17 +66,25 @@ def moments(
     result. `nodes`: of each quadrature; >= 1.
 
     **Accuracy:** energies agree with the model's to a relative error of 1e-8 for
-    exponents up to 2 (`tests/fit/test_moments.py`).
+    exponents from 0.05 to 2; those of a regular texture, such as a checkerboard, under
+    `PAPER` to 1e-7 from 0.1 to 1.5 and to 1e-5 beyond (`tests/fit/test_moments.py`).
 
     **Source:** quadrature from moments by the recurrence of Lanczos: Golub and Welsch
     1969, doi:10.2307/2004418.
     """
     shape, conditions = flattened(conditions, spectrum.amplitude.dtype)
+    known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
     one = []
     for i in range(math.prod(shape)):
         condition = jax.tree.map(lambda x, i=i: x[i], conditions)
-        fields = _fields(spectrum, condition, formulation)
-        one += [_quadrature(*_histogram(field), nodes) for field in fields]
+        reference, *others = _fields(spectrum, condition, formulation)
+        # Many rows are seen against the same reference.
+        parts = (np.asarray(x).tobytes() for x in (reference.log, reference.weight))
+        same = hashlib.sha256(b"".join(parts)).digest()
+        if same not in known:
+            known[same] = _quadrature(*_histogram(reference), nodes)
+        one.append(known[same])
+        one += [_quadrature(*_histogram(field), nodes) for field in others]
     log, weight = (
         np.stack(part).reshape(-1, 3, nodes) for part in zip(*one, strict=True)
     )
@@ -103,9 +112,11 @@ def _histogram(field: Field) -> tuple[np.ndarray, np.ndarray]:
     # Moments about the middle of the cell lose no digits.
     middle = high - span * ((np.arange(_CELLS) + 0.5) / _CELLS) ** 2
     t = high - below - middle[cell]
-    total, first, second, third = (
-        np.bincount(cell, weight * t**power, _CELLS) for power in range(4)
-    )
+    moments = []
+    for _ in range(4):
+        moments.append(np.bincount(cell, weight, _CELLS))
+        weight = weight * t
+    total, first, second, third = moments
     used = total > 0
     total = total[used]
     mean, second, third = (moment[used] / total for moment in (first, second, third))

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._condition import Condition
 from .._display import Components, Display, Shading, Viewing
 from .._newton import Place
-from .._parameters import Formulation
+from .._parameters import Formulation, Parameters
 from .._spectrum import Spectrum
 from ._chain import Chain
 from ._comparisons import Comparisons
@@ -97,11 +97,11 @@ def problem(
 ) -> Problem:
     """Pool the spectra of all rows, as far as the free constants allow."""
     table: Any = data.table.reset_index(drop=True)
-    parts = (data, table, constants, formulation, components)
+    how = (formulation, components, progress)
     if set(constants.model()) <= {"beta"}:
-        energies: Moments | Chain = _moments(*parts, progress)
+        energies: Moments | Chain = all_moments(data, constants.parameters, *how)
     else:
-        energies = _chain(*parts, progress)
+        energies = _chain(data, constants.model(), *how)
     if isinstance(data, Observations):
         target: Target = jnd_target(table)
     else:
@@ -136,22 +136,22 @@ def conditions(table: Any) -> tuple[Display, Viewing, Shading]:
     )
 
 
-def _moments(
+def all_moments(
     data: Data,
-    table: Any,
-    constants: Constants,
+    parameters: Parameters,
     formulation: Formulation,
     components: Components,
     progress: Progress,
 ) -> Moments:
+    """Moments of every row, whatever its texture."""
+    table: Any = data.table.reset_index(drop=True)
     textures = list(dict.fromkeys(table["texture"]))
     parts, rows = [], []
     for done, name in enumerate(textures):
         progress(done, len(textures))
         chosen = table[table["texture"] == name]
         spectrum = Spectrum.from_texture(data.textures[name])
-        described = conditions(chosen)
-        condition = Condition(*described, components, constants.parameters)
+        condition = Condition(*conditions(chosen), components, parameters)
         parts.append(moments(spectrum, condition, formulation=formulation))
         rows.append(chosen.index.to_numpy())
     progress(len(textures), len(textures))
@@ -161,12 +161,12 @@ def _moments(
 
 def _chain(
     data: Data,
-    table: Any,
-    constants: Constants,
+    free: tuple[str, ...],
     formulation: Formulation,
     components: Components,
     progress: Progress,
 ) -> Chain:
+    table: Any = data.table.reset_index(drop=True)
     textures = list(dict.fromkeys(table["texture"]))
     spectra = []
     for done, name in enumerate(textures):
@@ -185,6 +185,6 @@ def _chain(
         display,
         viewing,
         components,
-        constants.model(),
+        free,
         formulation,
     )

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._constants import Constants
 from ._fit import Fit, solve
 from ._problem import Problem
 from ._solvers import Solver
@@ -19,7 +18,8 @@ class Profile:
     """The best that can be had with one constant held at each of several values.
 
     - `name`, `level`: as asked for.
-    - `values`: where the constant was held, in its own unit; rising.
+    - `values`: where the constant was held, in its own unit; rising. Those are left out
+      at which the search for the others failed.
     - `deviance`: twice what the log likelihood falls short of the best, >= 0.
     - `low`, `high`: ends of the interval in which the deviance is below the quantile of
       chi-square with one degree of freedom; not a number where it has no end within six
@@ -65,8 +65,10 @@ def profile(
     where = jnp.asarray(fit.point + steps[:, None] * along, fit.point.dtype)
     likelihood, values = _held(fit.problem, where, index, fit.solver, batch_size)
     likelihood, values = np.asarray(likelihood), np.asarray(values, np.float64)
-    order = np.argsort(values)
-    best = max(fit.log_likelihood, float(np.nanmax(likelihood)))
+    # Far from the optimum a search may fail; what it found is no profile.
+    known = np.flatnonzero(np.isfinite(likelihood))
+    order = known[np.argsort(values[known])]
+    best = max(fit.log_likelihood, float(np.max(likelihood[known])))
     deviance = np.maximum(2.0 * (best - likelihood[order].astype(np.float64)), 0.0)
     ends = _ends(values[order], deviance, level)
     return Profile(name, level, values[order], deviance, *ends)
@@ -85,11 +87,11 @@ def _held(
 
     def one(point: Float[Array, " free"]):
         at = problem.constants.at(point)
-        names = tuple(at.free[i] for i in others)
-        fixed = Constants(at.parameters, at.scale, at.lapse, names, at.data_sets)
+        fixed = at.freed([at.free[i] for i in others])
         posed = eqx.tree_at(lambda p: p.constants, problem, fixed)
         found = solve(posed, point[others], solver)
-        return posed.log_likelihood(found.point), at.values()[index]
+        reached = jnp.where(found.converged, posed.log_likelihood(found.point), jnp.nan)
+        return reached, at.values()[index]
 
     return jax.lax.map(one, where, batch_size=batch_size)
 

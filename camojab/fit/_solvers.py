@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
@@ -26,6 +27,10 @@ class Solver(enum.Enum):
     BFGS = "bfgs"
     JAXOPT_LEVENBERG_MARQUARDT = "jaxopt-levenberg-marquardt"
     JAXOPT_LBFGSB = "jaxopt-lbfgsb"
+
+
+# How far the search goes for a logarithm: a factor of a million either way.
+REACH = 14.0
 
 
 class Solution(NamedTuple):
@@ -121,11 +126,12 @@ def _jaxopt(
         search = jaxopt.LevenbergMarquardt(
             residuals, maxiter=max_steps, tol=tolerance, xtol=tolerance, gtol=tolerance
         )
-        found, state = search.run(start, args)
+        # It multiplies booleans by numbers.
+        with jax.numpy_dtype_promotion("standard"):
+            found, state = search.run(start, args)
     else:
         square = lambda point, args: 0.5 * jnp.sum(residuals(point, args) ** 2)
         search = jaxopt.LBFGSB(square, maxiter=max_steps, tol=tolerance)
-        # A factor of a million either way, where the search is for logarithms.
-        bounds = (start - 14.0, start + 14.0)
+        bounds = (start - REACH, start + REACH)
         found, state = search.run(start, bounds, args)
     return Solution(found, state.iter_num, state.error <= tolerance)

@@ -1,7 +1,7 @@
 """Votes to just-noticeable differences: Thurstone's Case V by maximum likelihood."""
 
 import enum
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 
 import equinox as eqx
 import jax
@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+from .._newton import minimise, Place
 from ._likelihood import log_likelihood, log_prior, Prior
-from ._newton import minimise
 from ._simulation import SIGMA
 
 
@@ -104,11 +104,42 @@ def solve(
     votes = jnp.sum(wins, axis=0) + jnp.sum(wins, axis=1)
     share = (jnp.sum(wins, axis=1) + 0.5) / (votes + 1.0)
     start = _centred(SIGMA * jax.scipy.stats.norm.ppf(share), here)
-    found = minimise(loss, start, held, curvature=_LEAST_INFORMATION)
-    quality = jnp.where(found.definite, _centred(found.at, here), jnp.nan)
-    return Solution(
-        quality, log_likelihood(quality, wins), found.converged, found.definite
-    )
+    found = minimise(_look(loss, held), start)
+    definite = _definite(found.place)
+    quality = jnp.where(definite, _centred(found.place.at, here), jnp.nan)
+    return Solution(quality, log_likelihood(quality, wins), found.converged, definite)
+
+
+def _look(
+    function: Callable[[Float[Array, " n"]], Float[Array, ""]],
+    held: Float[Array, "n n"],
+) -> Callable[[Float[Array, " n"]], Place]:
+    """The function with its Hessian.
+
+    `held` is added to the latter, so that it is definite in the directions in which the
+    function is constant, along which a search does not move.
+    """
+
+    def slope(x: Float[Array, " n"]) -> tuple[Array, tuple[Array, Array]]:
+        value, gradient = jax.value_and_grad(function)(x)
+        return gradient, (value, gradient)
+
+    def look(x: Float[Array, " n"]) -> Place:
+        hessian, (value, gradient) = jax.jacfwd(slope, has_aux=True)(x)
+        return Place(x, value, gradient, hessian + held)
+
+    return look
+
+
+def _definite(place: Place) -> Bool[Array, ""]:
+    """Whether votes tell something in every direction; if not, an end is infinite."""
+    epsilon = float(jnp.finfo(place.at.dtype).eps)
+    noise = 16.0 * epsilon * jnp.max(jnp.diagonal(place.curvature))
+    least = jnp.maximum(_LEAST_INFORMATION, noise)
+    enough = place.curvature - least * jnp.eye(place.at.size, dtype=place.at.dtype)
+    factor = jnp.linalg.cholesky(enough)
+    # Infinite still where the function is not a number at the start.
+    return jnp.isfinite(place.value) & jnp.all(jnp.isfinite(factor))
 
 
 def _centred(

@@ -1,6 +1,5 @@
 """Tidy vote tables: one vote a row, checked before it is counted."""
 
-import csv
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -9,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from .._columns import check_columns, Problem, TableError
+from .._csv import read_rows
 
 
 if TYPE_CHECKING:
@@ -46,19 +46,14 @@ def read_votes(path: str | Path) -> "pandas.DataFrame":
     """
     import pandas as pd
 
-    path = Path(path)
-    header, rows, lines = _read(path)
-    if not header:
-        raise TableError(f"{path}: must begin with the names of the columns.")
-    columns = {name: [row.get(i, "") for row in rows] for i, name in enumerate(header)}
+    table = read_rows(Path(path))
+    header, lines = [name.strip() for name in table.header], table.lines
+    cell = lambda row, i: row[i].strip() if i < len(row) else ""
+    columns = {n: [cell(row, i) for row in table.rows] for i, n in enumerate(header)}
     whole = [(1, message) for message in _header_problems(header)]
-    if not rows:
+    if not table.rows:
         whole.append((1, "the table must have votes below its header, got none."))
-    problems = [
-        Problem(k, f"must have {len(header)} cells, as the header, got {len(row)}.")
-        for k, row in enumerate(rows)
-        if len(row) != len(header)
-    ]
+    problems = table.ragged()
     ragged = {problem.row for problem in problems}
     problems += [p for p in _row_problems(columns, NAMES) if p.row not in ragged]
     if whole or problems:
@@ -83,28 +78,6 @@ def check_votes(
         lines = [f"`votes`, row {p.row}: {p.message}" for p in problems]
         raise TableError("\n".join(lines), problems)
     return np.array([_flag(cell) for cell in cells["a_preferred"]], bool)
-
-
-def _read(path: Path) -> tuple[list[str], list[dict[int, str]], list[int]]:
-    """Header, cells of each row by column, and the line at which each row begins."""
-    rows, lines = [], []
-    # Spreadsheets put a byte order mark before the first name.
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.reader(file, strict=True)
-        try:
-            header = [name.strip() for name in next(reader, [])]
-            line = reader.line_num + 1
-            for row in reader:
-                if row:
-                    rows.append({i: cell.strip() for i, cell in enumerate(row)})
-                    lines.append(line)
-                line = reader.line_num + 1
-        except UnicodeDecodeError as error:
-            raise TableError(f"{path}: must be text in UTF-8 ({error}).") from error
-        except csv.Error as error:
-            where = f"{path}, line {reader.line_num}"
-            raise TableError(f"{where}: must be CSV ({error}).") from error
-    return header, rows, lines
 
 
 def _header_problems(header: Sequence[str]) -> list[str]:

@@ -30,21 +30,19 @@ EXPERIMENT_1 = ["Block-PC", "Block-Mobile", "Block-VR"]
 OPINIONS = ["Mackin", "ITU-R FPS", "ITU-R PPD"]
 
 
-def or_skip(function):
-    try:
-        return function()
-    except datasets.MissingData as error:
-        pytest.skip(str(error))
+JND = "jindal2021/Experiment_Data/vrs_exp_data_jnd.mat"
 
 
 @pytest.fixture(scope="module")
-def table():
-    return or_skip(compare)
+def table(module_data):
+    module_data(JND)
+    return compare()
 
 
 @pytest.fixture(scope="module")
-def validation():
-    return or_skip(validate)
+def validation(module_data):
+    module_data(JND)
+    return validate()
 
 
 def errors(table, model, blocks, **setting):
@@ -212,8 +210,9 @@ def test_nas_sees_no_refresh_rate(validation):
 # ---- what goes in
 
 
-def test_measurements():
-    observations = or_skip(measurements)
+def test_measurements(real_data):
+    real_data(JND)
+    observations = measurements()
     table = observations.table
     assert len(table) == 219 and not table.isna().any(axis=None)
     sizes = table["block"].value_counts(sort=False).tolist()

@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 from camojab import datasets
+from camojab._newton import minimise
 from camojab.votes import (
     Gauge,
     goodness_of_fit,
@@ -21,7 +22,7 @@ from camojab.votes import (
     votes_denes2020,
     votes_jindal2021,
 )
-from camojab.votes._newton import minimise
+from camojab.votes._scaling import _definite, _look
 
 
 SIGMA = 1 / norm.ppf(0.75)
@@ -303,18 +304,19 @@ def test_p_values_are_uniform_where_one_scale_holds():
 
 def test_the_search_finds_minima_and_says_where_there_is_none():
     def search(function, start):
-        return jax.jit(
-            lambda factor: minimise(
-                lambda x: factor * function(x), start, jnp.zeros((2, 2)), curvature=1e-5
-            )
-        )
+        def searched(factor):
+            look = _look(lambda x: factor * function(x), jnp.zeros((2, 2)))
+            found = minimise(look, start)
+            return found.place.at, found.converged, _definite(found.place)
+
+        return jax.jit(searched)
 
     valley = lambda x: (1 - x[0]) ** 2 + 100 * (x[1] - x[0] ** 2) ** 2
     walk = search(valley, jnp.array([-1.2, 1.0]))
-    found = walk(1.0)
-    assert found.converged and found.definite
-    np.testing.assert_allclose(found.at, 1, atol=1e-3)
-    nowhere = walk(jnp.nan)
-    assert not (nowhere.converged or nowhere.definite)
+    at, converged, definite = walk(1.0)
+    assert converged and definite
+    np.testing.assert_allclose(at, 1, atol=1e-3)
+    _, converged, definite = walk(jnp.nan)
+    assert not (converged or definite)
     slope = lambda x: jnp.exp(-x[0]) + x[1] ** 2
-    assert not search(slope, jnp.zeros(2))(1.0).definite
+    assert not search(slope, jnp.zeros(2))(1.0)[2]
