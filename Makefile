@@ -5,7 +5,7 @@ BIN = $(VENV)/bin
 OUT ?= out
 PYTEST_FLAGS ?= -n auto --dist loadfile
 
-.PHONY: run test smoke lint clean
+.PHONY: run test smoke bench lint clean
 
 # The main job on built-in data: constants, tables, a rate map and a report.
 run: $(VENV)/run.installed
@@ -19,6 +19,10 @@ test: $(VENV)/test.installed
 # The golden values alone, to try another Python.
 smoke: $(VENV)/test.installed
 	$(BIN)/python -m pytest tests/test_quality.py tests/test_csf.py tests/alsarr/test_alsarr_greedy.py
+
+# Times, never a test: on a machine that has nothing else to do.
+bench: $(VENV)/test.installed
+	$(BIN)/python tests/benchmarks/bench_fit.py
 
 lint: $(VENV)/dev.installed
 	$(BIN)/ruff check .

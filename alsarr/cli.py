@@ -4,8 +4,7 @@ Only what the help needs is imported at the top; everything that computes is imp
 the command that uses it.
 """
 
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal, TYPE_CHECKING
@@ -91,7 +90,7 @@ def run(
     """
     if output.exists() and not output.is_dir():
         raise command.Unusable(f"{output}: must be a folder to write into.")
-    with _usable(), _progress() as progress:
+    with _usable(), command.stages() as progress:
         from camojab import Display
 
         from ._inputs import builtin_inputs, jindal2021_inputs
@@ -183,21 +182,3 @@ def _usable() -> Iterator[None]:
         yield
     except (ValueError, eqx.EquinoxRuntimeError) as error:
         raise command.Unusable(str(error).splitlines()[0]) from error
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, int, int], None]]:
-    """A bar for each stage, if the error stream is a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    silent = not sys.stderr.isatty()
-    with Progress(console=Console(stderr=True), transient=True, disable=silent) as bars:
-        tasks = {}
-
-        def progress(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total)
-            bars.update(tasks[stage], completed=done, total=total)
-
-        yield progress

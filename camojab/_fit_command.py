@@ -84,13 +84,17 @@ class Choice:
 
 @dataclass(frozen=True)
 class _Source:
-    """Votes and the JND that were made of them, or published with them."""
+    """Votes and the JND that were made of them, or published with them.
+
+    `by_group`: whether what was compared with each other is drawn together.
+    """
 
     name: str
     votes: fit.Comparisons
     jnd: fit.Observations
     files: Mapping[str, Path]
     simulated: str
+    by_group: bool = False
 
 
 def fit_constants(
@@ -172,7 +176,8 @@ def _own(own: Study, key: jax.Array) -> _Source:
     votes = read_study(own)
     files = study_files(own, votes.textures)
     jnd = fit.scaled(votes, key=key)
-    return _Source(str(own.votes), votes, jnd, files, simulated_note(own.votes))
+    note = simulated_note(own.votes)
+    return _Source(str(own.votes), votes, jnd, files, note, by_group=True)
 
 
 def _jindal2021(key: jax.Array) -> _Source:
@@ -336,7 +341,7 @@ def _sections(
         ("What is left", [table(blocks), text(_summary(found) + ".")]),
         ("Constants", [table(constants, _FORMATS), text(_ERRORS)]),
         ("Correlation", [table(correlation)]),
-        *_figures(rows, found),
+        *_figures(rows, found, source.by_group),
     ]
     if profiles:
         errors = dict(zip(found.free, found.standard_error, strict=True))
@@ -355,7 +360,9 @@ def _sections(
     return sections
 
 
-def _figures(rows: "pandas.DataFrame", found: fit.Fit) -> list[tuple[str, list[Html]]]:
+def _figures(
+    rows: "pandas.DataFrame", found: fit.Fit, by_group: bool
+) -> list[tuple[str, list[Html]]]:
     """Figure 7 of Jindal et al. 2021 as far as the data have it, and all in one."""
     from .plotting import (
         measured_and_predicted,
@@ -363,6 +370,8 @@ def _figures(rows: "pandas.DataFrame", found: fit.Fit) -> list[tuple[str, list[H
         quality_by_shading_rate,
     )
 
+    if by_group:
+        rows = rows.assign(data_set=rows["group"], block=rows["group"])
     varied: Any = rows.groupby("data_set")[["rate_x", "refresh_rate_hz"]].nunique() > 1
     figures = []
     if varied["rate_x"].any():

@@ -1,8 +1,8 @@
-"""Make `example_conditions.csv` and `example_votes.csv`, a small experiment of one's own.
+"""Make `example_conditions.csv` and `example_votes.csv`, an experiment of one's own.
 
-Ten simulated observers compare two textures at three shading rates, at two velocities,
-and one texture at five refresh rates. Their opinion is the released model with the
-published constants. Run as
+Twenty simulated observers compare two textures at three shading rates, at two
+velocities, and one texture at five refresh rates. Their opinion is the released model
+with the published constants. Run as
 
     python data/simulate_example.py
 
@@ -21,7 +21,7 @@ from camojab.votes import simulate
 
 
 SEED = 20261122
-OBSERVERS = 10
+OBSERVERS = 20
 
 
 def conditions():
@@ -30,7 +30,7 @@ def conditions():
         for texture, m in itertools.product(("brick", "noise"), (1, 2, 4)):
             name, reference = f"{texture} {m}x1", f"{texture} 1x1"
             rows.append((f"{velocity:g} deg/s", name, reference, texture, m, velocity))
-    for rate in (120, 90, 72, 60, 48):
+    for rate in (120, 90, 60, 45, 30):
         name, reference = f"{rate} Hz", "120 Hz"
         rows.append(("refresh rate", name, reference, "brick", 1, 20.0))
     session, condition, reference, texture, coarse, velocity = zip(*rows, strict=True)

@@ -105,14 +105,15 @@ def _targets(
         assert isinstance(fit.data, Comparisons)
         wins, cast = _drawn(fit.data, key, resamples)
         a, b = (jnp.broadcast_to(x, wins.shape) for x in (target.a, target.b))
-        return VoteTarget(a, b, wins, cast)
+        return jax.vmap(VoteTarget)(a, b, wins, cast)
     if votes is None:
         raise ValueError(
             "`votes` must be given to draw observers behind JND, got None."
         )
     measured = _scaled_again(fit.data, votes, key, resamples, prior)
     weight = jnp.broadcast_to(target.weight, measured.shape)
-    return JndTarget(jnp.asarray(measured, target.measured.dtype), weight)
+    measured = jnp.asarray(measured, target.measured.dtype)
+    return jax.vmap(JndTarget)(measured, weight)
 
 
 @eqx.filter_jit

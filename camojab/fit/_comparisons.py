@@ -172,6 +172,13 @@ def places(
     named = list(zip(table["group"], table["condition"], strict=True))
     rows = np.arange(len(table)) if rows is None else rows
     anchors = table["reference"].to_numpy(int)[rows]
+    unseen = [named[row] for row in rows if named[row] not in place]
+    if unseen:
+        group, condition = unseen[0]
+        raise ValueError(
+            "`comparisons` must have votes on every condition, got none on "
+            f"{condition!r} of {group}."
+        )
     at = lambda chosen: np.array([place[named[row]] for row in chosen], int)
     return at(rows), at(anchors)
 

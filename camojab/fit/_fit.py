@@ -208,7 +208,7 @@ def _observed_information(
     """
     step = float(jnp.finfo(point.dtype).eps) ** (1 / 3)
     here = problem.look(point).gradient
-    beside = point + step * jnp.eye(point.size, dtype=point.dtype)
+    beside = point[None, :] + step * jnp.eye(point.size, dtype=point.dtype)
     rows = jax.lax.map(lambda x: (problem.look(x).gradient - here) / step, beside)
     return 0.5 * (rows + rows.T)
 

@@ -53,7 +53,9 @@ def posterior(
     for name, value in (("draws", draws), ("warmup", warmup), ("chains", chains)):
         if value < 2:
             raise ValueError(f"`{name}` must be >= 2, got {value}.")
-    points, divergent = _sample(fit, key, draws, warmup, chains)
+    # The sampler multiplies arrays of different ranks.
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        points, divergent = _sample(fit, key, draws, warmup, chains)
     constants = fit.problem.constants
     natural = jax.vmap(jax.vmap(lambda point: constants.at(point).values()))
     return Posterior(

@@ -9,20 +9,20 @@ from camojab._csv import read_csv
 
 CONDITIONS = """\
 condition,texture,rate_x,rate_y,mip_level,mean_luminance_cd_m2,refresh_rate_hz,\
-velocity_deg_s,persistence,ppd,data_set,reference,session
-half,brick.npy,0.5,1,2,100,60,10.0,1,50,rates,full,1
-full,brick.npy,1,1,2,100,60,10.0,1,50,rates,full,1
-full,brick.npy,1,1,2,100,60,20.0,1,50,rates,full,2
-half,brick.npy,0.5,1,2,100,60,20.0,1,50,rates,full,2
-"50 Hz",builtin:grass,1,1,0,100,50,10.0,0.5,50,refresh,50 Hz,3
-"90 Hz",builtin:grass,1,1,0,100,90,10.0,0.5,50,refresh,50 Hz,3
+velocity_deg_s,persistence,ppd,data_set,reference,day,room
+half,brick.npy,0.5,1,2,100,60,10,1,50,rates,full,10.0,a
+full,brick.npy,1,1,2,100,60,10,1,50,rates,full,10,a
+full,brick.npy,1,1,2,100,60,20,1,50,rates,full,10,b
+half,brick.npy,0.5,1,2,100,60,20,1,50,rates,full,10.0,b
+"50 Hz",builtin:grass,1,1,0,100,50,10,0.5,50,refresh,50 Hz,30,a
+"90 Hz",builtin:grass,1,1,0,100,90,10,0.5,50,refresh,50 Hz,30,a
 """
 VOTES = """\
-observer,velocity_deg_s,session,condition_a,condition_b,a_preferred
-ann,10,1,full,half,1
-bob,10,1.0,half,full,true
-ann,20,2,half,full,0
-bob,10,3,90 Hz,50 Hz,1
+observer,day,room,condition_a,condition_b,a_preferred
+ann,10,a,full,half,1
+bob,10,a,half,full,true
+ann,1e1,b,half,full,0
+bob,30.0,a,90 Hz,50 Hz,1
 """
 
 
@@ -33,6 +33,7 @@ def study(tmp_path):
     def read(votes=VOTES, conditions=CONDITIONS, **options):
         for name, text in (("votes.csv", votes), ("conditions.csv", conditions)):
             (tmp_path / name).write_text(text)
+        read.folder = f"{tmp_path}/"
         return fit.read_comparisons(
             tmp_path / "votes.csv",
             tmp_path / "conditions.csv",
@@ -42,20 +43,20 @@ def study(tmp_path):
     return read
 
 
-def problems(study, *named, **files):
-    """Messages, of which each must begin with the file it is about."""
+def problems(study, **files):
+    """A sentence for each problem, which begins with the file it is about."""
     with pytest.raises(TableError) as caught:
         study(**files)
-    found = str(caught.value).splitlines()
-    return [line.rsplit("/", 1)[-1] for line in found]
+    return [line.replace(study.folder, "") for line in str(caught.value).splitlines()]
 
 
 def test_a_study_is_read(study):
     found = study()
     table = found.table
     assert len(table) == 6
-    # The first two columns that both files have tell groups apart.
-    assert table["group"].tolist() == ["10, 1"] * 2 + ["20, 2"] * 2 + ["10, 3"] * 2
+    # What both files have besides tells groups apart, however a number is written.
+    groups = ["10, a", "10, a", "10, b", "10, b", "30, a", "30, a"]
+    assert table["group"].tolist() == groups
     # Wherever the reference stands.
     assert table["reference"].tolist() == [1, 1, 2, 2, 4, 4]
     assert table["data_set"].tolist() == ["rates"] * 4 + ["refresh"] * 2
@@ -65,7 +66,7 @@ def test_a_study_is_read(study):
     votes = found.votes
     assert votes["a"].tolist() == [1, 0, 3, 5] and votes["b"].tolist() == [0, 1, 2, 4]
     assert votes["a_preferred"].tolist() == [True, True, False, True]
-    assert votes["group"].tolist() == ["10, 1", "10, 1", "20, 2", "10, 3"]
+    assert votes["group"].tolist() == ["10, a", "10, a", "10, b", "30, a"]
     assert votes["observer"].tolist() == ["ann", "bob", "ann", "bob"]
     assert set(found.textures) == {"brick.npy", "builtin:grass"}
     assert found.textures["brick.npy"].shape == (8, 8)
@@ -85,52 +86,61 @@ def test_what_may_be_left_out(study):
 
 
 def test_scaled_it_is_relative_to_its_references(study):
-    more = (
-        VOTES + "cid,20,2,full,half,1\ncid,10,3,50 Hz,90 Hz,0\neve,20,2,half,full,1\n"
-    )
-    quality = fit.scaled(study(more)).table["quality_jnd"].to_numpy()
+    more = "cid,10,b,full,half,1\ncid,30,a,50 Hz,90 Hz,0\neve,10,b,half,full,1\n"
+    quality = fit.scaled(study(VOTES + more)).table["quality_jnd"].to_numpy()
     assert quality[1] == quality[2] == quality[4] == 0
     # One vote each way; two of three for full rate; both for 90 Hz.
     np.testing.assert_allclose(quality[0], 0, atol=1e-4)
     assert quality[3] < 0 < quality[5]
 
 
+def test_a_condition_without_votes_cannot_be_scaled(study):
+    more = '"70 Hz",builtin:grass,1,1,0,100,70,10,0.5,50,refresh,50 Hz,30,a\n'
+    given = study(VOTES, CONDITIONS + more)
+    with pytest.raises(
+        ValueError, match="votes on every condition, .* '70 Hz' of 30, a"
+    ):
+        fit.scaled(given)
+
+
 def test_unknown_conditions_of_votes_are_named(study):
-    votes = VOTES.replace("half,full,0", "halve,full,0").replace("3,90 Hz", "1,90 Hz")
-    first, second, third = problems(study, votes=votes)
-    assert first.startswith("votes.csv, line 4: `condition_a` must be a condition of ")
-    assert first.endswith("conditions.csv in 20, 2, got 'halve'.") or (
-        "in 20, 2, got 'halve'." in first
-    )
-    # That name is known, but in another group.
-    assert second.startswith("votes.csv, line 5: ") and "10, 1, got '90 Hz'." in second
-    assert third.startswith("votes.csv, line 5: ") and "10, 1, got '50 Hz'." in third
+    votes = VOTES.replace("half,full,0", "halve,full,0").replace("30.0,a", "10,a")
+    # The last two are known, but in another group.
+    assert problems(study, votes=votes) == [
+        f"votes.csv, line {line}: `condition_{side}` must be a condition of "
+        f"conditions.csv in {group}, got {name!r}."
+        for line, side, group, name in (
+            (4, "a", "10, b", "halve"),
+            (5, "a", "10, a", "90 Hz"),
+            (5, "b", "10, a", "50 Hz"),
+        )
+    ]
 
 
 WRONG = {
     "repeated": (
-        ("full,brick.npy,1,1,2,100,60,10.0", "half,brick.npy,1,1,2,100,60,10.0"),
+        ("full,brick.npy,1,1,2,100,60,10", "half,brick.npy,1,1,2,100,60,10"),
         [
-            "line 2: `reference` must be a condition of 10, 1, got 'full'.",
-            "line 3: `condition` must be unique, got 'half' again in 10, 1.",
-            "line 3: `reference` must be a condition of 10, 1, got 'full'.",
+            "line 2: `reference` must be a condition of 10, a, got 'full'.",
+            "line 3: `condition` must be unique, got 'half' again in 10, a.",
+            "line 3: `reference` must be a condition of 10, a, got 'full'.",
         ],
     ),
     "bad number": (
-        ("half,brick.npy,0.5,1,2,100,60,20.0", "half,brick.npy,0.5,1,2,bright,60,20.0"),
+        ("half,brick.npy,0.5,1,2,100,60,20", "half,brick.npy,0.5,1,2,bright,60,20.0"),
         ["line 5: `mean_luminance_cd_m2` must be finite and > 0 cd/m^2, got 'bright'."],
     ),
     "out of range": (
-        ("grass,1,1,0,100,90,10.0,0.5", "grass,1,1,0,100,90,10.0,1.5"),
+        ("grass,1,1,0,100,90,10,0.5", "grass,1,1,0,100,90,10,1.5"),
         ["line 7: `persistence` must be in (0, 1], got 1.5."],
     ),
     "unknown reference": (
-        ('refresh,50 Hz,3\n"90', 'refresh,60 Hz,3\n"90'),
-        ["line 6: `reference` must be a condition of 10, 3, got '60 Hz'."],
+        ('refresh,50 Hz,30,a\n"90', 'refresh,60 Hz,30,a\n"90'),
+        ["line 6: `reference` must be a condition of 30, a, got '60 Hz'."],
     ),
     "ragged": (
-        ("50,rates,full,2\nhalf", "50,rates,full\nhalf"),
-        ["line 4: must have 13 cells, as the header, got 12."],
+        ("50,rates,full,10,b\nhalf", "50,rates,full,10\nhalf"),
+        ["line 4: must have 14 cells, as the header, got 13."],
     ),
 }
 
@@ -182,7 +192,7 @@ def test_there_must_be_conditions(study):
 
 
 def test_a_column_that_is_made_here_is_refused(study):
-    (found,) = problems(study, conditions=CONDITIONS.replace("session", "group"))
+    (found,) = problems(study, conditions=CONDITIONS.replace("room", "group"))
     assert "`group`" in found and found.startswith("conditions.csv: ")
 
 

@@ -189,14 +189,14 @@ def test_derivatives_of_the_residuals():
     )
     point = jnp.log(jnp.array([3.0, 2.0, 0.4, 2.5, 0.6]))
     step = jnp.array([0.3, -0.2, 0.1, 0.4, -0.5])
-    residuals = jax.jit(posed.residuals)
+    residuals = jax.jit(lambda point: posed.residuals(point))
     _, slope = jax.jvp(residuals, (point,), (step,))
     h = 1e-5
     differences = (residuals(point + h * step) - residuals(point - h * step)) / (2 * h)
     np.testing.assert_allclose(slope, differences, atol=1e-7)
     # And so are those of what the residuals are made of, whose size tells how well
     # the constants are known.
-    judged, _, root = jax.jit(posed.slope)(point)
+    judged, _, root = jax.jit(lambda point: posed.slope(point))(point)
     assert judged.shape == (18,) and root.shape == (18, 5)
     anchors = np.asarray(posed.target.weight) == 0
     np.testing.assert_allclose((root @ step)[~anchors], slope[~anchors], rtol=1e-9)

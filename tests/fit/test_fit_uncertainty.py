@@ -93,14 +93,6 @@ def test_profile_of_jnd_is_that_of_another_search(name, level):
     assert profile.low < found.values[index] < profile.high
 
 
-def test_profile_of_points_side_by_side_is_the_same():
-    one, many = (
-        fit.profile(many_votes(), "beta", points=7, batch_size=n) for n in (1, 4)
-    )
-    np.testing.assert_allclose(many.deviance, one.deviance, rtol=1e-6, atol=1e-6)
-    assert len(one.values) == 7
-
-
 @pytest.mark.parametrize(
     "options, message",
     [
