@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from camojab import fit, votes
-from camojab.fit._fit import solve
+from camojab.fit._fit import search, solve
 
 
 FIVE = ("ws", "wt", "beta", "scales")
@@ -71,8 +71,7 @@ def likelihood_of_all(cast):
     seconds = median(lambda: solve(five.problem, start, five.solver))
     say(f"likelihood of the votes, {len(five.free)} constants", seconds)
     many = fit.fit(cast, free=MANY)
-    start = many.problem.constants.point()
-    seconds, found = timed(lambda: solve(many.problem, start, many.solver))
+    seconds, found = timed(lambda: search(many.problem, many.solver))
     name = f"likelihood of the votes, {len(many.free)} constants"
     say(f"{name}, {int(found.steps)} steps", seconds)
     bootstrap("votes", five, None)
