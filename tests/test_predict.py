@@ -10,6 +10,7 @@ from skimage.io import imsave
 
 from camojab import (
     _predict,
+    _textures,
     Components,
     Display,
     distortion,
@@ -167,7 +168,7 @@ def test_the_order_of_rows_does_not_matter():
 def test_each_texture_is_read_once_and_one_shape_serves_all(tmp_path, monkeypatch):
     read, shapes, done = [], [], []
 
-    def image(path, read_image=_predict._image):
+    def image(path, read_image=_textures._image):
         read.append(path.name)
         return read_image(path)
 
@@ -175,7 +176,7 @@ def test_each_texture_is_read_once_and_one_shape_serves_all(tmp_path, monkeypatc
         shapes.append(display.ppd.shape)
         return distortion(spectrum, display, *rest, **options)
 
-    monkeypatch.setattr(_predict, "_image", image)
+    monkeypatch.setattr(_textures, "_image", image)
     monkeypatch.setattr(_predict, "distortion", recorded)
     table = conditions(20)
     table["texture"] = ["a.npy"] + ["b.npy", "a.npy"] * 3 + ["b.npy"] * 13

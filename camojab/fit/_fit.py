@@ -22,6 +22,9 @@ from ._solvers import least_squares, REACH, Solution, Solver
 
 DEFAULT = ("ws", "wt", "beta", "scales")
 
+# Near enough for a lapse rate to be sought; the rest of the way is common.
+_STEPS_WITHOUT_LAPSE = 12
+
 # A constant with less information than this about its logarithm is not known at all.
 _LEAST = 1e-3
 
@@ -192,7 +195,8 @@ def search(problem: Problem, solver: Solver, max_steps: int = 256) -> Solution:
     start = chosen.point()
     if others not in (chosen.free, ()):
         held = eqx.tree_at(lambda p: p.constants, problem, chosen.freed(others))
-        found = solve(held, held.constants.point(), solver, max_steps)
+        enough = min(max_steps, _STEPS_WITHOUT_LAPSE)
+        found = solve(held, held.constants.point(), solver, enough)
         start = held.constants.at(found.point).freed(chosen.free).point()
     return solve(problem, start, solver, max_steps)
 

@@ -57,13 +57,15 @@ def quality_by_refresh_rate(
     several = rows.groupby("data_set")[["refresh_rate_hz", "rate_x"]].nunique() > 1
     rows = _where(rows, several["refresh_rate_hz"] & ~several["rate_x"])
     blocks = list(dict.fromkeys(rows["block"]))
+    velocities = dict.fromkeys(rows["velocity_deg_s"])
+    colours = dict(zip(velocities, cycle(COLOURS), strict=False))
     figure, axes = _panels(1, len(blocks))
     for axis, block in zip(axes[0], blocks, strict=True):
         panel = rows[rows["block"] == block]
-        members = panel.groupby("velocity_deg_s", sort=True)
-        for colour, (velocity, points) in zip(cycle(COLOURS), members, strict=False):
+        for velocity, points in panel.groupby("velocity_deg_s", sort=True):
             points = points.sort_values("refresh_rate_hz")
-            _draw(axis, points, "refresh_rate_hz", f"{velocity:g} deg/s", colour)
+            label, colour = f"{velocity:g} deg/s", colours[velocity]
+            _draw(axis, points, "refresh_rate_hz", label, colour)
         axis.set_title(str(block), fontsize=9)
     return _finished(figure, axes, "refresh rate [Hz]")
 
