@@ -79,7 +79,7 @@ def minimise(
             jax.tree.map(lambda new, old: jnp.where(better, new, old), there, here),
             jnp.where(better, missing, search.missing),
             jnp.where(good, calmer, wilder),
-            negligible & (search.damping < 1.0),
+            negligible & (search.damping < 1.0) & jnp.isfinite(here.value),
             search.step + 1,
         )
 

@@ -183,7 +183,7 @@ def test_csv_and_json_are_the_same_table(own):
 
 def test_ablation_of_own_votes(own):
     rows = pd.DataFrame(strict(own / "compare" / "compare.json")["ablation"])
-    assert len(rows) == 7 * 3
+    assert len(rows) == 9 * 3
     assert set(rows["block"]) == {"slow", "fast", "all"}
     whole = rows[rows["vrs"] & rows["eye_blur"] & rows["judder"]]
     blind = rows[~rows["vrs"] & rows["eye_blur"]]
@@ -407,6 +407,7 @@ def test_parts_are_laid_out_by_block():
             "rmse_jnd": i + j / 10,
             "beta": 0.1 * i,
             "temporal_share": 0.2 * i,
+            "low_pass": "sinc" if i else "lorentzian",
             "verdict": "" if i else "ran out of steps",
         }
         for i, parts in enumerate([(True, True, True), (False, True, False)])
@@ -414,7 +415,10 @@ def test_parts_are_laid_out_by_block():
     ]
     wide = _by_parts(pd.DataFrame(rows))
     assert wide.to_dict("list") == {
-        "parts": ["coarse shading + eye blur + judder", "eye blur"],
+        "parts": [
+            "coarse shading + eye blur + judder",
+            "eye blur, sinc for Lorentzian",
+        ],
         "z": [0.0, 1.0],
         "a": [0.1, 1.1],
         "all": [0.2, 1.2],
