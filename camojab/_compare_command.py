@@ -13,6 +13,8 @@ from ._page import Html, page, picture, table, text
 from ._parameters import load_parameters
 from ._results import (
     check_folder,
+    JINDAL2021,
+    OPINIONS,
     provenance,
     quote,
     read_study,
@@ -32,17 +34,6 @@ if TYPE_CHECKING:
 
 
 FILES = ("compare.json", "compare.csv", "report.html")
-
-_STIMULI = "jindal2021/Experiment_Data"
-# What `comparison.compare` and `comparison.ablation` read.
-FETCHED = (
-    f"{_STIMULI}/vrs_exp_stimulus.mat",
-    f"{_STIMULI}/vrs_exp_data_jnd.mat",
-    f"{_STIMULI}/external_data/marrr_exp1_jnds.mat",
-    f"{_STIMULI}/external_data/marrr_exp1_confidence75.mat",
-    f"{_STIMULI}/external_data/marrr_exp3_jnds.mat",
-)
-SHIPPED = ("mackin2016.csv", "itu_bt2246_refresh_rate.csv", "itu_bt2246_resolution.csv")
 
 _SETTINGS = (
     "As in the paper: each model has its published constants, and a slope through the "
@@ -81,8 +72,8 @@ def compare(
         else:
             observations, name = None, "jindal2021, Mackin et al. 2016, ITU-R BT.2246"
             files = {
-                **{each: datasets.fetch(each) for each in FETCHED},
-                **{each: shipped(each) for each in SHIPPED},
+                **{each: datasets.fetch(each) for each in JINDAL2021},
+                **{each: shipped(each) for each in OPINIONS},
             }
     if parameters:
         files[str(parameters)] = parameters

@@ -14,6 +14,8 @@ from ._page import Html, page, picture, table, text
 from ._parameters import Formulation, load_parameters, Parameters
 from ._results import (
     check_folder,
+    EXPERIMENT,
+    JINDAL2021,
     provenance,
     quote,
     read_study,
@@ -34,14 +36,9 @@ if TYPE_CHECKING:
 
 FILES = ("fit.json", "fit.csv", "report.html")
 
-_EXPERIMENT = "jindal2021/Experiment_Data"
-_JINDAL2021 = (
-    f"{_EXPERIMENT}/vrs_exp_data.csv",
-    f"{_EXPERIMENT}/vrs_exp_data_jnd.mat",
-    f"{_EXPERIMENT}/vrs_exp_stimulus.mat",
-    f"{_EXPERIMENT}/external_data/marrr_exp1_jnds.mat",
-    f"{_EXPERIMENT}/external_data/marrr_exp1_confidence75.mat",
-    f"{_EXPERIMENT}/external_data/marrr_exp3_jnds.mat",
+_READ = (
+    *JINDAL2021,
+    f"{EXPERIMENT}/vrs_exp_data.csv",
     "denes2020/data/pairwise_comparison_matrices.mat",
 )
 _FORMATS = {
@@ -182,7 +179,7 @@ def _own(own: Study, key: jax.Array) -> _Source:
 
 def _jindal2021(key: jax.Array) -> _Source:
     del key
-    files = {name: datasets.fetch(name) for name in _JINDAL2021}
+    files = {name: datasets.fetch(name) for name in _READ}
     name = "Jindal et al. 2021 (Exp. 1) and Denes et al. 2020 (Exp. 1 and 3)"
     return _Source(name, fit.jindal2021_comparisons(), fit.jindal2021(), files, "")
 

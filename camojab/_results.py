@@ -22,6 +22,20 @@ if TYPE_CHECKING:
 
 
 SIMULATED = "simulated_votes.csv"
+EXPERIMENT = "jindal2021/Experiment_Data"
+# What `fit.jindal2021` reads, and the opinion scores that ship.
+JINDAL2021 = (
+    f"{EXPERIMENT}/vrs_exp_stimulus.mat",
+    f"{EXPERIMENT}/vrs_exp_data_jnd.mat",
+    f"{EXPERIMENT}/external_data/marrr_exp1_jnds.mat",
+    f"{EXPERIMENT}/external_data/marrr_exp1_confidence75.mat",
+    f"{EXPERIMENT}/external_data/marrr_exp3_jnds.mat",
+)
+OPINIONS = (
+    "mackin2016.csv",
+    "itu_bt2246_refresh_rate.csv",
+    "itu_bt2246_resolution.csv",
+)
 
 
 def check_folder(folder: Path, names: Sequence[str]) -> None:

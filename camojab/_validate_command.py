@@ -14,6 +14,9 @@ from ._page import Html, page, picture, table, text
 from ._parameters import Formulation, load_parameters, Parameters
 from ._results import (
     check_folder,
+    EXPERIMENT,
+    JINDAL2021,
+    OPINIONS,
     provenance,
     quote,
     read_study,
@@ -37,17 +40,8 @@ if TYPE_CHECKING:
 
 FILES = ("validate.json", "validate.csv", "report.html")
 
-_EXPERIMENT = "jindal2021/Experiment_Data"
 # What `comparison.predicted_scores` and `validation_preferences` read.
-FETCHED = (
-    f"{_EXPERIMENT}/vrs_exp_stimulus.mat",
-    f"{_EXPERIMENT}/vrs_exp_data_jnd.mat",
-    f"{_EXPERIMENT}/external_data/marrr_exp1_jnds.mat",
-    f"{_EXPERIMENT}/external_data/marrr_exp1_confidence75.mat",
-    f"{_EXPERIMENT}/external_data/marrr_exp3_jnds.mat",
-    f"{_EXPERIMENT}/alsarr_validation_experiment.csv",
-)
-SHIPPED = ("mackin2016.csv", "itu_bt2246_refresh_rate.csv", "itu_bt2246_resolution.csv")
+FETCHED = (*JINDAL2021, f"{EXPERIMENT}/alsarr_validation_experiment.csv")
 
 _PUBLISHED = "Mackin et al. 2016, ITU-R BT.2246 and Experiment 2 of Jindal et al. 2021"
 _FORMATS = {
@@ -111,7 +105,7 @@ def validate(
             comparisons, name = None, _PUBLISHED
             files = {
                 **{each: datasets.fetch(each) for each in FETCHED},
-                **{each: shipped(each) for each in SHIPPED},
+                **{each: shipped(each) for each in OPINIONS},
             }
     if parameters:
         files[str(parameters)] = parameters

@@ -18,8 +18,8 @@ from camojab._compare_command import (
     _constants,
     _drawn,
     _marrr,
-    FETCHED as COMPARED,
 )
+from camojab._results import JINDAL2021 as COMPARED
 from camojab._validate_command import _likelihood, FETCHED as VALIDATED
 from camojab.cli import main
 
