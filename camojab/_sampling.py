@@ -17,7 +17,7 @@ from ._spectrum import SIZE
 
 HALF = SIZE // 2
 
-# Spectral resolution, in bins: the narrowest that interpolates a constant to 2e-4.
+# Spectral resolution, in bins: the narrowest that interpolates a constant to 5e-4.
 RESOLUTION = 0.65
 
 
