@@ -1,5 +1,6 @@
 """`camojab fit`: votes or JND to constants, with what is known of them."""
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,15 +107,17 @@ def fit_constants(
     check_folder(output, FILES)
     key = jax.random.key(choice.seed)
     with usable():
-        start, formulation = _start(choice)
+        start, formulation, scales = _start(choice)
         source = _own(own, key) if own else _SOURCES[data](key)
     to = choice.to or ("votes" if own else "jnd")
+    known = set(source.jnd.table["data_set"])
     with usable({"`free`": "`--free`", "`start.": "`--start "}):
         found = fit.fit(
             source.votes if to == "votes" else source.jnd,
             free=choice.free,
             formulation=formulation,
             start=start,
+            scales={k: v for k, v in scales.items() if k in known},
             solver=fit.Solver(choice.solver) if choice.solver else None,
             progress=lambda *steps: progress("spectra", *steps),
         )
@@ -156,17 +159,19 @@ def fit_constants(
     print(f"written: {', '.join(str(output / name) for name in FILES)}")
 
 
-def _start(choice: Choice) -> tuple[Parameters, Formulation]:
+def _start(choice: Choice) -> tuple[Parameters, Formulation, dict[str, float]]:
+    """Constants and scales of an earlier fit, or the published ones."""
     if choice.start is None:
         formulation = Formulation(choice.formulation or "released")
-        return Parameters.published(formulation), formulation
+        return Parameters.published(formulation), formulation, {}
     constants, formulation = load_parameters(choice.start)
     if choice.formulation not in (None, formulation.value):
         raise Unusable(
             f"`--formulation` must be that of {choice.start}, {formulation.value}, got "
             f"{choice.formulation}."
         )
-    return constants, formulation
+    scales = json.loads(choice.start.read_text()).get("scales", {})
+    return constants, formulation, scales
 
 
 def _own(own: Study, key: jax.Array) -> _Source:

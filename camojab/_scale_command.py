@@ -21,6 +21,7 @@ from ._results import (
     to_json,
 )
 from ._scale_sources import own_votes, Source, SOURCES
+from .votes._tally import ADDED
 
 
 if TYPE_CHECKING:
@@ -35,23 +36,6 @@ _OPTIONS = {
     "`reference`": "`--reference`",
     "`Prior.BOUNDED`": "`--prior bounded`",
 }
-# Columns of the results, which the columns of --by stand beside.
-_TAKEN = (
-    "condition",
-    "votes",
-    "quality_jnd",
-    "low_jnd",
-    "high_jnd",
-    "standard_error_jnd",
-    "resamples",
-    "conditions",
-    "observers",
-    "log_likelihood",
-    "deviance",
-    "degrees_of_freedom",
-    "p_value",
-    "converged",
-)
 _FORMATS = {"p_value": ".2g", "log_likelihood": ".1f", "deviance": ".1f"}
 
 
@@ -290,6 +274,6 @@ def _columns(by: str, cast: Any) -> tuple[str, ...]:
         if name not in known or names.count(name) > 1:
             rule = f"different columns of {', '.join(known) or 'which there are none'}"
             raise Unusable(f"`--by` must name {rule}, got {name!r}.")
-        if name in _TAKEN:
+        if name in ADDED:
             raise Unusable(f"`--by` must not name {name!r}, a column of the result.")
     return names

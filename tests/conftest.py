@@ -51,6 +51,7 @@ def _why_missing(name):
 
 
 def _need(*names):
+    # Public files may not be shipped; where they cannot be had the reason is shown.
     for name in names:
         if reason := _why_missing(name):
             pytest.skip(reason)

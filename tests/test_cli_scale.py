@@ -446,7 +446,7 @@ def test_all_files_are_renamed_or_none(here):
 
 
 def test_a_table_comes_back_exactly():
-    # It shortens how NumPy and pandas print numbers.
+    # For its side effect: it shortens how NumPy and pandas print numbers.
     import colour  # noqa: F401
 
     numbers, names = [0.1, 1 / 3, np.nan, 1e-300], ['a, "b"', "", "c\nd", "0.1"]

@@ -1,6 +1,7 @@
 """What may be fitted, and how a vector of real numbers stands for it."""
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -93,9 +94,12 @@ class Constants(eqx.Module):
 
 
 def constants(
-    free: Iterable[str], data_sets: Sequence[str], start: Parameters
+    free: Iterable[str],
+    data_sets: Sequence[str],
+    start: Parameters,
+    scales: Mapping[str, float] | None = None,
 ) -> Constants:
-    """The constants that a search starts from; every scale starts at 1.
+    """The constants that a search starts from; a scale that is not given starts at 1.
 
     `"scales"` stands for those of all data sets but the first, in whose scale the
     others are expressed.
@@ -107,11 +111,18 @@ def constants(
     for name in free:
         names += [f"scale:{s}" for s in data_sets[1:]] if name == "scales" else [name]
     _check(names, data_sets, start)
+    scales = scales or {}
+    for name, value in scales.items():
+        if name not in data_sets:
+            shown = ", ".join(data_sets)
+            raise ValueError(f"`scales` must be of {shown}, got {name!r}.")
+        if not 0 < value < math.inf:
+            raise ValueError(f"`scales` must be finite and > 0, got {value:g}.")
     dtype = start.beta.dtype
     lapse = _LAPSE if "lapse" in names else 0.0
     return Constants(
         start,
-        jnp.ones(len(data_sets), dtype),
+        jnp.asarray([scales.get(name, 1.0) for name in data_sets], dtype),
         jnp.asarray(lapse, dtype),
         tuple(names),
         tuple(data_sets),

@@ -56,16 +56,18 @@ def _fold(
     fit: Fit, unseen: Bool[np.ndarray, " rows"], by: str, value: object
 ) -> dict[str, Any]:
     train, test = _split(fit, unseen)
-    if train.size() <= len(fit.free):
+    if train.size() <= len(fit.free) or not test.size():
         raise ValueError(
-            f"`by` must leave more data than {len(fit.free)} constants, got {by!r}, of "
-            f"which all but {train.size()} are of {value!r}."
+            f"`by` must leave data out, and more than {len(fit.free)} in, got {by!r}, "
+            f"which leaves {test.size()} out and {train.size()} in for {value!r}."
         )
     own, held = _idle_scales(fit, train)
     kept = [name for name in fit.free if name not in (*own, *held)]
-    posed = _posed(fit.problem, train, kept)
-    found = search(posed, fit.solver)
-    at = posed.constants.at(found.point)
+    at, good = fit.problem.constants, True
+    if kept:
+        posed = _posed(fit.problem, train, kept)
+        found = search(posed, fit.solver)
+        at, good = posed.constants.at(found.point), bool(found.converged)
     if own:
         best = _posed(_holding(fit.problem, at), test, own)
         at = best.constants.at(search(best, fit.solver).point)
@@ -74,7 +76,7 @@ def _fold(
         "size": test.size(),
         **_scores(fit.problem, whole, train, test),
         **dict(zip(fit.free, np.asarray(whole.values(), float).tolist(), strict=True)),
-        "converged": bool(found.converged),
+        "converged": good,
     }
 
 

@@ -1,6 +1,6 @@
 """Fit the model's constants to JND or to votes, and say how well they are known."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,10 +33,9 @@ _LEAST = 1e-3
 class Fit:
     """What a fit found, how well it is known, and how far it got.
 
-    - `parameters`: in the scale of the first data set, whose own factor is 1 unless it
-      was freed.
-    - `scales`: the factor of each data set but the first. [1], or, for one where only
-      the judder differs, [JND] per unit of temporal distortion.
+    - `parameters`: in the scale of the first data set, unless that was given or freed.
+    - `scales`: the factor of each data set, but of the first only if it is not 1. [1],
+      or, for one where only the judder differs, [JND] per unit of temporal distortion.
     - `lapse`: probability that an observer guesses. [1].
     - `free`: names of the constants that were fitted, in the order of `values`,
       `covariance` and `standard_error`; units as in `camojab.Parameters`.
@@ -105,6 +104,7 @@ def fit(
     free: Iterable[str] = DEFAULT,
     formulation: Formulation = Formulation.RELEASED,
     start: Parameters | None = None,
+    scales: Mapping[str, float] | None = None,
     components: Components | None = None,
     solver: Solver | None = None,
     max_steps: int = 256,
@@ -122,12 +122,14 @@ def fit(
 
     - `free`: the constants to fit: fields of `camojab.Parameters`, `"scale:NAME"` for
         the factor of a data set, `"scales"` for those of all but the first, `"lapse"`
-        for votes. The rest is held at `start`, scales at 1 and the lapse at 0. With
+        for votes. The rest is held at `start` and `scales`, the lapse at 0. With
         `beta`, weights, scales and lapse alone the fit takes milliseconds once spectra
         are pooled; the others need the pooled spectra at every step.
     - `formulation`, `components`: of the model.
     - `start`: the published constants of the formulation if left out.
+    - `scales`: by data set, where its factor starts or is held. > 0; 1 if left out.
     - `solver`: Levenberg-Marquardt for JND and scoring for votes if left out.
+    - `max_steps`: of the search, after which it is given up; >= 1.
     - `progress`: called with the textures done and their number while spectra are
         pooled.
 
@@ -142,7 +144,8 @@ def fit(
     votes as in Perez-Ortiz and Mantiuk 2017, arXiv:1712.03686.
     """
     start = start or Parameters.published(formulation)
-    chosen = constants(free, list(dict.fromkeys(data.table["data_set"])), start)
+    data_sets = list(dict.fromkeys(data.table["data_set"]))
+    chosen = constants(free, data_sets, start, scales)
     names = chosen.free
     if solver is None:
         votes = isinstance(data, Comparisons)
@@ -257,7 +260,11 @@ def _summary(
     steps, good = int(found.steps), bool(found.converged)
     return Fit(
         parameters=at.parameters,
-        scales=dict(zip(at.data_sets[1:], scales[1:], strict=True)),
+        scales={
+            name: scale
+            for i, (name, scale) in enumerate(zip(at.data_sets, scales, strict=True))
+            if i or scale != 1
+        },
         lapse=float(at.lapse),
         free=at.free,
         values=np.asarray(at.values(), np.float64),

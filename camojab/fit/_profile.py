@@ -45,7 +45,8 @@ def profile(
     six standard errors of the logarithm on either side. `batch_size`: fits side by
     side.
 
-    **Raises:** `ValueError` for a name that was not fitted and numbers out of range.
+    **Raises:** `ValueError` for a name that was not fitted, numbers out of range, and a
+    fit without a minimum.
 
     **Source:** Venzon and Moolgavkar 1988, doi:10.2307/2347496.
     """
@@ -55,6 +56,10 @@ def profile(
         raise ValueError(f"`level` must be in (0, 1), got {level:g}.")
     if points < 5:
         raise ValueError(f"`points` must be >= 5, got {points}.")
+    if not np.isfinite(fit.covariance).all():
+        raise ValueError(
+            f"`fit` must have found a minimum, got one that {fit.verdict}."
+        )
     index = fit.free.index(name)
     slope = np.asarray(fit.problem.constants.at(jnp.asarray(fit.point)).slope())
     spread = fit.covariance / np.outer(slope, slope)
@@ -89,6 +94,8 @@ def _held(
         at = problem.constants.at(point)
         fixed = at.freed([at.free[i] for i in others])
         posed = eqx.tree_at(lambda p: p.constants, problem, fixed)
+        if not others.size:
+            return posed.log_likelihood(point[others]), at.values()[index]
         found = solve(posed, point[others], solver)
         reached = jnp.where(found.converged, posed.log_likelihood(found.point), jnp.nan)
         return reached, at.values()[index]

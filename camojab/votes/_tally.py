@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 # What the tables of results have beside the columns that tell the groups apart.
-_ADDED = (
+ADDED = (
     "condition",
     "votes",
     "quality_jnd",
@@ -115,7 +115,7 @@ def tally(
     The reference comes first in the groups that have it.
     """
     by = tuple(by)
-    check_columns(by, required=(), added=_ADDED)
+    check_columns(by, required=(), added=ADDED)
     flags = check_votes(votes, (*NAMES, *by))
     if not len(votes):
         raise TableError("`votes` must have at least one row, got none.")

@@ -122,3 +122,12 @@ def test_a_start_from_which_a_constant_cannot_move(name, value, rule):
         constants(["beta", name], SETS, start)
     # Held it may have any value.
     constants(["beta"], SETS, start)
+
+
+def test_scales_start_where_they_are_told():
+    found = constants(["beta"], SETS, START, {SETS[1]: 2.5})
+    assert found.scale.tolist() == [1.0, 2.5, *[1.0] * (len(SETS) - 2)]
+    with pytest.raises(ValueError, match="`scales` must be of .*, got 'nobody'"):
+        constants(["beta"], SETS, START, {"nobody": 2.0})
+    with pytest.raises(ValueError, match="`scales` must be finite and > 0, got 0"):
+        constants(["beta"], SETS, START, {SETS[0]: 0.0})

@@ -132,8 +132,8 @@ def test_the_lapse_is_found_without_each_block():
         ("one", r"`by` must have two values or more, got 'one' with one\."),
         (
             "most",
-            r"`by` must leave more data than 5 constants, got 'most', of which "
-            r"all but 4 are of 1\.",
+            r"`by` must leave data out, and more than 5 in, got 'most', which "
+            r"leaves \d+ out and 4 in for 1\.",
         ),
     ],
 )

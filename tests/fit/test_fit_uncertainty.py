@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 import invented
-from camojab import fit
+from camojab import fit, Parameters
 from invented import FREE, SCALES, TRUTH
 
 
@@ -105,6 +105,19 @@ def test_profile_of_jnd_is_that_of_another_search(name, level):
 def test_wrong_profiles(options, message):
     with pytest.raises(ValueError, match=message):
         fit.profile(many_votes(), **{"name": "beta", **options})
+
+
+def test_a_constant_fitted_alone_has_a_profile():
+    # Scales that are held need not be 1: only the exponent is left to find.
+    data = invented.observations(noise=0.1)
+    start = Parameters(**{**invented.TRUTH, "beta": 0.36})
+    options = {"free": ["beta"], "start": start, "scales": invented.SCALES}
+    found = invented.fitted(data, **options)
+    assert found.scales == invented.SCALES
+    np.testing.assert_allclose(found.values, invented.TRUTH["beta"], rtol=0.05)
+    profile = fit.profile(found, "beta")
+    half = 1.96 * found.standard_error[0]
+    np.testing.assert_allclose(profile.high - profile.low, 2 * half, rtol=0.1)
 
 
 # ---- bootstrap
