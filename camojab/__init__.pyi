@@ -6,7 +6,9 @@ from . import (
     plotting as plotting,
     votes as votes,
 )
+from ._auto import Auto as Auto
 from ._columns import TableError as TableError
+from ._condition import Terms as Terms
 from ._csf import sensitivity as sensitivity
 from ._display import (
     Components as Components,
@@ -15,19 +17,22 @@ from ._display import (
     Shading as Shading,
     Viewing as Viewing,
 )
+from ._exact import Exact as Exact
+from ._fidelity import AbstractFidelity as AbstractFidelity, Distortion as Distortion
 from ._parameters import (
     Formulation as Formulation,
     load_parameters as load_parameters,
     Parameters as Parameters,
     save_parameters as save_parameters,
 )
+from ._pooled import Pooled as Pooled
 from ._predict import predict as predict
 from ._quality import (
-    Distortion as Distortion,
     distortion as distortion,
+    error_estimate as error_estimate,
     pool as pool,
-    Pooled as Pooled,
     pooled_quality as pooled_quality,
+    PooledTexture as PooledTexture,
     quality as quality,
 )
 from ._spectrum import luminance as luminance, Spectrum as Spectrum

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ._csf import log_sensitivity
 from ._display import Components, Display, Shading, Viewing
@@ -27,13 +27,7 @@ class Condition(eqx.Module):
 def flattened(condition: Condition, dtype) -> tuple[tuple[int, ...], Condition]:
     """The conditions' common shape, and every field as one axis of that length."""
     leaves, structure = jax.tree.flatten(condition)
-    try:
-        shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
-    except ValueError as error:
-        shapes = sorted({leaf.shape for leaf in leaves if leaf.ndim})
-        raise ValueError(
-            f"the shapes of the conditions must broadcast together, got {shapes}."
-        ) from error
+    shape = common_shape(condition)
     leaves = [
         jnp.broadcast_to(leaf, shape)
         .reshape(math.prod(shape))
@@ -41,6 +35,21 @@ def flattened(condition: Condition, dtype) -> tuple[tuple[int, ...], Condition]:
         for leaf in leaves
     ]
     return shape, jax.tree.unflatten(structure, leaves)
+
+
+def common_shape(condition: Condition) -> tuple[int, ...]:
+    """The shape that all fields broadcast to.
+
+    **Raises:** `ValueError` if there is none.
+    """
+    shapes = {leaf.shape for leaf in jax.tree.leaves(condition)}
+    try:
+        return np.broadcast_shapes(*shapes)
+    except ValueError as error:
+        raise ValueError(
+            "the shapes of the conditions must broadcast together, got "
+            f"{sorted(shape for shape in shapes if shape)}."
+        ) from error
 
 
 def log_eye_blur(rho: Float[Array, " n"], c: Condition) -> Float[Array, " n"]:
@@ -51,6 +60,34 @@ def log_eye_blur(rho: Float[Array, " n"], c: Condition) -> Float[Array, " n"]:
     log_low_pass = LOG_TRANSFER[c.components.low_pass]
     log_transfer = log_low_pass(rho, hold) + log_low_pass(rho, pursuit)
     return jnp.where(c.components.eye_blur, log_transfer, 0)
+
+
+class Terms(eqx.Module):
+    """Which terms were evaluated, in the shape of the conditions.
+
+    A term is left out only where it could not change the result by more than a
+    rounding error: no coarse shading where `Components` leaves it out, no `eye_blur`
+    where it passes all that the display shows, no `judder` where the temporal replica
+    lies wholly beyond the spectrum.
+    """
+
+    vrs: Bool[Array, "..."]
+    eye_blur: Bool[Array, "..."]
+    judder: Bool[Array, "..."]
+
+
+def terms_within(
+    c: Condition, reach: Float[Array, ""], replica: Float[Array, ""]
+) -> Terms:
+    """The terms that matter; `reach` is the last place where a replica does. [bins]."""
+    nyquist = 0.5 * c.display.ppd
+    most = -c.parameters.beta * log_eye_blur(nyquist[None], c)[0]
+    negligible = float(jnp.finfo(nyquist.dtype).eps) ** 2
+    return Terms(
+        vrs=c.components.vrs,
+        eye_blur=c.components.eye_blur & (most >= negligible),
+        judder=c.components.judder & (replica <= reach),
+    )
 
 
 class Field(eqx.Module):

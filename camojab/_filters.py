@@ -68,8 +68,9 @@ def mipmap(
     that the display's resolution cancels.
     """
     k = jnp.asarray(np.arange(-SIZE // 2, SIZE // 2), amplitude.dtype) / SIZE
-    # Beyond 2^60 texels nothing is left of a texture of 2^9, and 2^128 would overflow.
     texels = 2.0 ** jnp.minimum(shading.mip_level, 60)
     width = factor * texels / jnp.minimum(shading.rate_x, shading.rate_y)
+    # Beyond 2^60 texels nothing is left of a texture of 2^9, and 2^64 would overflow.
+    width = jnp.minimum(width, 2.0**60)
     transfer = jnp.exp(LOG_TRANSFER[low_pass](k, width))
     return amplitude * transfer[None, :] * transfer[:, None]

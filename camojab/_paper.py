@@ -4,11 +4,13 @@ Integrals run over the quadrant [0, Nyquist]^2 of the bins 0..256, with weights 
 follow the crop and the replica continuously.
 """
 
+import math
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ._condition import (
@@ -17,13 +19,21 @@ from ._condition import (
     log_eye_blur,
     log_sensitivity_of,
     sensitivity_power,
+    Terms,
+    terms_within,
 )
 from ._display import Components, Shading
 from ._filters import mipmap
 from ._math import safe_hypot, safe_power
+from ._node_pool import NodePool
+from ._nodes import Axis
 from ._parameters import Parameters
-from ._sampling import below, comb, HALF
+from ._sampling import below, comb, HALF, RESOLUTION
 from ._spectrum import SIZE
+
+
+# No replica that lies farther has energy left by the soft edge of the crop. [bins].
+FARTHEST = HALF + 16
 
 
 class PaperPool(eqx.Module):
@@ -92,22 +102,90 @@ def pool(
     return PaperPool(full - kept * _from_zero(rate_x, rate_y), kept, rate_x, rate_y)
 
 
-def evaluate(p: PaperPool, c: Condition) -> tuple[Float[Array, ""], Array]:
-    """E_s and E_t, integrals over frequency. [(cycles/deg)^2]."""
+def evaluate(p: PaperPool, c: Condition) -> tuple[Array, Array, Terms]:
+    """E_s and E_t, integrals over frequency, and the terms that were evaluated.
+
+    [(cycles/deg)^2].
+    """
     dtype = p.lost.dtype
     step = c.display.ppd / SIZE
     rho = jnp.arange(HALF + 1, dtype=dtype) * step
-    blurred = -jnp.expm1(c.parameters.beta * log_eye_blur(rho, c))
-    energy = p.lost + p.kept * blurred[None, :] * _from_zero(p.rate_x, p.rate_y)
+    evaluated = terms(c)
+
+    def blurred() -> Array:
+        taken = -jnp.expm1(c.parameters.beta * log_eye_blur(rho, c))
+        return p.kept * taken[None, :] * _from_zero(p.rate_x, p.rate_y)
+
+    nothing = lambda: jnp.zeros_like(p.kept)
+    energy = p.lost + jax.lax.cond(evaluated.eye_blur, blurred, nothing)
     still = sensitivity_power(
         safe_hypot(rho[None, :], rho[:, None]), jnp.zeros((), dtype), 0.0, c
     )
     spatial = step**2 * jnp.sum(energy * still)
 
-    radius, inside = replica(rho, step, p.rate_x, p.rate_y, c)
-    flicker = sensitivity_power(radius, c.display.refresh_rate, 0.0, c)
-    temporal = step**2 * jnp.sum(p.kept * flicker * inside)
-    return spatial, jnp.where(c.components.judder, temporal, 0)
+    def temporal() -> Array:
+        radius, inside = replica(rho, step, p.rate_x, p.rate_y, c)
+        flicker = sensitivity_power(radius, c.display.refresh_rate, 0.0, c)
+        return step**2 * jnp.sum(p.kept * flicker * inside)
+
+    no_judder = lambda: jnp.zeros((), dtype)
+    return spatial, jax.lax.cond(evaluated.judder, temporal, no_judder), evaluated
+
+
+def terms(c: Condition) -> Terms:
+    """The terms that matter: beyond the crop, its soft edge falls below rounding."""
+    rate = jnp.where(c.components.vrs, c.shading.rate_x, 1)
+    return terms_within(c, HALF * rate + 12.0 * RESOLUTION, replica_place(c))
+
+
+# Radial frequencies of the integrals and of the replica lie between these. [bins].
+_RADIAL = Axis(0.5, HALF * math.sqrt(2.0) + 1.0)
+_ALONG = Axis(1.0, float(HALF))
+
+
+def on_nodes(
+    p: PaperPool, nodes: int, places: Float[np.ndarray, " places"]
+) -> NodePool:
+    """The pooled energies carried over to nodes."""
+    dtype = p.lost.dtype
+    # A barrier, or XLA would evaluate these millions of constants while it compiles.
+    k = jax.lax.optimization_barrier(jnp.arange(HALF + 1, dtype=dtype))
+    within = _RADIAL.weights(safe_hypot(k[None, :], k[:, None]), nodes)
+    within = within.at[0, 0].set(0)
+    along = _ALONG.weights(k, nodes).at[0].set(0)
+    lost = jnp.einsum("yx,yxn->n", p.lost, within)
+    kept = p.kept * _from_zero(p.rate_x, p.rate_y)
+    columns = jnp.einsum("yx,yxn->nx", kept, within)
+
+    radius = jnp.sqrt(k[None, :] ** 2 + k[:, None] ** 2 + 0.25)
+    about = _RADIAL.weights(radius, nodes)
+    rows = p.kept * _half_axis(p.rate_y)[:, None]
+    shifts = jnp.einsum("yx,ymn->xmn", rows, about)
+
+    def moved(place: Float[Array, ""]) -> Float[Array, " nodes"]:
+        ahead = below(p.rate_x * HALF) * (1.0 - below(place))
+        distance = jnp.minimum(jnp.abs(k - place), HALF).astype(jnp.int32)
+        return ahead @ jnp.take_along_axis(shifts, distance[:, None, None], 1)[:, 0]
+
+    by_place = jax.lax.map(moved, jnp.asarray(places, dtype))
+    return NodePool(
+        lost=lost,
+        kept=columns @ along,
+        moved=jnp.pad(by_place, ((0, 0), (1, 0))),
+        radial=jnp.asarray(_RADIAL.nodes(nodes), dtype),
+        along=jnp.asarray(_ALONG.nodes(nodes), dtype),
+        places=jnp.asarray(places, dtype),
+    )
+
+
+def replica_place(c: Condition) -> Float[Array, ""]:
+    """Bins between the texture and its temporal replica (Eq. 22)."""
+    return _replica_distance(c) / (c.display.ppd / SIZE)
+
+
+def cell_area(c: Condition) -> Float[Array, ""]:
+    """What a bin counts in an energy. [(cycles/deg)^2]."""
+    return (c.display.ppd / SIZE) ** 2
 
 
 def fields(
@@ -145,14 +223,19 @@ def replica(
     c: Condition,
 ) -> tuple[Float[Array, "257 257"], Float[Array, "257 257"]]:
     """Radial frequency [cpd] and weights of the temporal replica (Eq. 22, 23)."""
-    # Beyond the band there is nothing to move; the bound keeps a still image finite.
-    slowest = c.display.refresh_rate / (2.0 * c.display.ppd)
-    distance = c.display.refresh_rate / jnp.maximum(c.viewing.velocity, slowest)
+    distance = _replica_distance(c)
     moved = rho[None, :] - distance
     # Half a bin of uncertainty, or the cusp of S^beta at 0 could sit on a grid point.
     radius = jnp.sqrt(moved**2 + rho[:, None] ** 2 + (0.5 * step) ** 2)
     ahead = below(rate_x * HALF) * (1.0 - below(distance / step))
     return radius, ahead[None, :] * _half_axis(rate_y)[:, None]
+
+
+def _replica_distance(c: Condition) -> Float[Array, ""]:
+    """Spatial frequency of the temporal replica. [cycles/deg]."""
+    # Beyond the band there is nothing to move; the bound keeps a still image finite.
+    slowest = c.display.refresh_rate / (2.0 * c.display.ppd)
+    return c.display.refresh_rate / jnp.maximum(c.viewing.velocity, slowest)
 
 
 def _from_zero(

@@ -23,8 +23,9 @@ from ._columns import (
 )
 from ._condition import Condition, flattened
 from ._display import Components, Display, Shading, Viewing
+from ._fidelity import Distortion
 from ._parameters import Formulation, Parameters
-from ._quality import Distortion, distortion
+from ._quality import distortion
 from ._spectrum import luminance, Spectrum
 from ._textures import Source, sources
 

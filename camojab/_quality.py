@@ -1,37 +1,22 @@
 """Energies, distortions and quality of a moving, coarsely shaded texture."""
 
-from types import ModuleType
-
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from . import _paper, _released
+from ._batch import batch
+from ._chains import CHAIN
 from ._condition import Condition, flattened
-from ._csf import broadcast
 from ._display import Components, Display, Shading, Viewing
+from ._exact import Exact
+from ._fidelity import AbstractFidelity, Distortion
+from ._node_pool import NodePool
+from ._paper import PaperPool
 from ._parameters import Formulation, Parameters
+from ._pooled import on_pools, pool_on_nodes, Pooled
+from ._released import ReleasedPool
 from ._spectrum import Spectrum
-
-
-CHAIN: dict[Formulation, ModuleType] = {
-    Formulation.RELEASED: _released,
-    Formulation.PAPER: _paper,
-}
-
-
-class Distortion(eqx.Module):
-    """Visual energy lost and added, in the shape of the conditions. [1].
-
-    - `spatial`: energy that mipmapping, coarse shading and eye blur took from the
-      texture; negative where aliases add more than blur removes.
-    - `temporal`: energy of the replica that the refresh rate lets through, >= 0.
-
-    **Source:** Jindal et al. 2021, Eq. 21 and 23.
-    """
-
-    spatial: Float[Array, "..."]
-    temporal: Float[Array, "..."]
 
 
 def quality(
@@ -43,6 +28,7 @@ def quality(
     *,
     formulation: Formulation = Formulation.RELEASED,
     components: Components | None = None,
+    fidelity: AbstractFidelity | None = None,
 ) -> Float[Array, "..."]:
     """Quality of a moving texture, 0 where nothing is lost. [JND].
 
@@ -56,20 +42,11 @@ def quality(
 
     **Source:** Jindal et al. 2021, Eq. 1.
     """
-    parameters = parameters or Parameters.published(formulation)
-    parts = distortion(
-        spectrum,
-        display,
-        viewing,
-        shading,
-        parameters,
-        formulation=formulation,
-        components=components,
+    condition = _condition(
+        display, viewing, shading, parameters, formulation, components
     )
-    ws, wt, spatial, temporal = broadcast(
-        parameters.ws, parameters.wt, parts.spatial, parts.temporal
-    )
-    return ws * spatial + wt * temporal
+    _check_precision(spectrum)
+    return (fidelity or Exact()).quality(spectrum, condition, formulation)
 
 
 def distortion(
@@ -81,13 +58,15 @@ def distortion(
     *,
     formulation: Formulation = Formulation.RELEASED,
     components: Components | None = None,
+    fidelity: AbstractFidelity | None = None,
 ) -> Distortion:
     """Spatial and temporal distortion of a moving, coarsely shaded texture.
 
     The fields of `display`, `viewing`, `shading`, `parameters` and `components` may
-    have any shapes that broadcast together; conditions are evaluated one after the
-    other, so that memory does not grow with their number, forward or backward. One
-    compilation serves all conditions of a shape.
+    have any shapes that broadcast together. Memory does not grow with their number but
+    for the result, forward or backward, and one compilation serves all conditions of
+    the same shapes. What few conditions share is best left in a smaller shape: energies
+    are pooled once for every element of the shape of `shading` and `beta` alone.
 
     **Arguments:**
 
@@ -95,36 +74,86 @@ def distortion(
     - `shading`: full rate at mip level 0 if left out.
     - `parameters`: the published ones of `formulation` if left out.
     - `components`: everything if left out.
+    - `fidelity`: `Exact()` if left out; `Pooled` and `Auto` trade accuracy for time.
 
-    **Returns:** the two distortions in the broadcast shape. [1].
+    **Returns:** the two distortions in the broadcast shape. [1]. The dtype is that of
+    the spectrum.
 
-    **Raises:** `ValueError` if the shapes of the conditions do not broadcast.
+    **Raises:** `ValueError` if the shapes of the conditions do not broadcast, or if the
+    spectrum is in a precision below single.
 
-    **Accuracy:** `RELEASED` agrees with the authors' program to a relative error of
-    1e-8 in double and 1e-4 in single precision (`tests/test_quality.py`).
+    **Accuracy:** `Exact()` of `RELEASED` agrees with the authors' program to a relative
+    error of 1e-8 in double and 1e-4 in single precision (`tests/test_quality.py`).
 
     **Source:** Jindal et al. 2021, Eq. 2 to 23.
     """
-    condition = Condition(
+    condition = _condition(
+        display, viewing, shading, parameters, formulation, components
+    )
+    _check_precision(spectrum)
+    return (fidelity or Exact()).distortion(spectrum, condition, formulation)
+
+
+def error_estimate(
+    spectrum: Spectrum,
+    display: Display,
+    viewing: Viewing,
+    shading: Shading | None = None,
+    parameters: Parameters | None = None,
+    *,
+    formulation: Formulation = Formulation.RELEASED,
+    components: Components | None = None,
+    fidelity: AbstractFidelity,
+) -> float:
+    """How far a fidelity is from `Exact()` under the worst of some conditions. [JND].
+
+    The rung's own estimate, which needs no exact evaluation.
+
+    **Arguments:** as `quality`.
+
+    **Accuracy:** at least half of the largest error (`tests/test_fidelity.py`).
+
+    **Raises:** as `distortion`; `ValueError` under a JAX transformation.
+    """
+    condition = _condition(
+        display, viewing, shading, parameters, formulation, components
+    )
+    _check_precision(spectrum)
+    return fidelity.error_jnd(spectrum, condition, formulation)
+
+
+def _condition(
+    display: Display,
+    viewing: Viewing,
+    shading: Shading | None,
+    parameters: Parameters | None,
+    formulation: Formulation,
+    components: Components | None,
+) -> Condition:
+    return Condition(
         display,
         viewing,
         shading or Shading(),
         components or Components(),
         parameters or Parameters.published(formulation),
     )
-    shape, condition = flattened(condition, spectrum.amplitude.dtype)
-    spatial, temporal = _distortions(spectrum, condition, formulation)
-    return Distortion(spatial.reshape(shape), temporal.reshape(shape))
 
 
-class Pooled(eqx.Module):
+def _check_precision(spectrum: Spectrum) -> None:
+    if spectrum.amplitude.dtype not in (jnp.float32, jnp.float64):
+        raise ValueError(
+            "`spectrum` must be in float32 or float64, since less costs more than 0.1 "
+            f"JND, got {spectrum.amplitude.dtype}."
+        )
+
+
+class PooledTexture(eqx.Module):
     """A texture at one mip level and shading rate, its energies already pooled.
 
-    Made by `pool`. For `RELEASED` it loses nothing, and every further display and
-    velocity costs about a tenth of starting from the spectrum.
+    Made by `pool`.
     """
 
-    energies: _released.ReleasedPool | _paper.PaperPool
+    energies: ReleasedPool | PaperPool | NodePool
     parameters: Parameters
     formulation: Formulation = eqx.field(static=True)
 
@@ -135,17 +164,20 @@ def pool(
     parameters: Parameters | None = None,
     *,
     formulation: Formulation = Formulation.RELEASED,
-) -> Pooled:
+    fidelity: Exact | Pooled | None = None,
+) -> PooledTexture:
     """Pool the energies of a texture at one mip level and rate, for `pooled_quality`.
 
     **Arguments:** as `distortion`; the fields of `shading` and `parameters` are scalars
     here, and `vmap` serves several.
     """
+    _check_precision(spectrum)
     return _pool(
         spectrum,
         shading or Shading(),
         parameters or Parameters.published(formulation),
         formulation,
+        fidelity or Exact(),
     )
 
 
@@ -155,18 +187,20 @@ def _pool(
     shading: Shading,
     parameters: Parameters,
     formulation: Formulation,
-) -> Pooled:
+    fidelity: Exact | Pooled,
+) -> PooledTexture:
     amplitude = spectrum.amplitude
     same = lambda tree: jax.tree.map(lambda x: x.astype(amplitude.dtype), tree)
     shading, parameters = same(shading), same(parameters)
-    chain, components = CHAIN[formulation], Components()
-    energies = chain.pool(amplitude, shading, components, parameters)
-    return Pooled(energies, parameters, formulation)
+    energies = CHAIN[formulation].pool(amplitude, shading, Components(), parameters)
+    if isinstance(fidelity, Pooled):
+        energies = pool_on_nodes(energies, formulation, fidelity)
+    return PooledTexture(energies, parameters, formulation)
 
 
 @eqx.filter_jit
 def pooled_quality(
-    pooled: Pooled, display: Display, viewing: Viewing
+    pooled: PooledTexture, display: Display, viewing: Viewing
 ) -> Float[Array, "..."]:
     """`quality` of a pooled texture. [JND].
 
@@ -174,28 +208,20 @@ def pooled_quality(
 
     **Returns:** quality in the broadcast shape. [JND].
     """
-    chain, parameters = CHAIN[pooled.formulation], pooled.parameters
-    condition = Condition(display, viewing, Shading(), Components(), parameters)
-    shape, conditions = flattened(condition, parameters.beta.dtype)
+    energies, p = pooled.energies, pooled.parameters
+    condition = Condition(display, viewing, Shading(), Components(), p)
+    if isinstance(energies, NodePool):
+        of = batch(condition, p.beta.dtype)
+        spatial, temporal, _ = on_pools(
+            energies, of.conditions, jnp.asarray(of.setting), pooled.formulation
+        )
+        return (p.ws * spatial + p.wt * temporal).reshape(of.shape)
+    chain = CHAIN[pooled.formulation]
+    shape, conditions = flattened(condition, p.beta.dtype)
 
     @jax.checkpoint
     def one(c: Condition) -> Array:
-        spatial, temporal = chain.evaluate(pooled.energies, c)
-        return c.parameters.ws * spatial + c.parameters.wt * temporal
+        spatial, temporal, _ = chain.evaluate(energies, c)
+        return p.ws * spatial + p.wt * temporal
 
     return jax.lax.map(one, conditions).reshape(shape)
-
-
-@eqx.filter_jit
-def _distortions(
-    spectrum: Spectrum, conditions: Condition, formulation: Formulation
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    chain = CHAIN[formulation]
-
-    # Checkpointed, or the backward pass would keep every condition's spectra.
-    @jax.checkpoint
-    def one(c: Condition):
-        parts = c.shading, c.components, c.parameters
-        return chain.evaluate(chain.pool(spectrum.amplitude, *parts), c)
-
-    return jax.lax.map(one, conditions)

@@ -18,14 +18,24 @@ from ._condition import (
     log_eye_blur,
     log_sensitivity_of,
     sensitivity_power,
+    Terms,
+    terms_within,
 )
 from ._display import Components, Shading
 from ._filters import mipmap
 from ._math import safe_power
+from ._node_pool import NodePool
+from ._nodes import Axis
 from ._parameters import Parameters
 from ._sampling import HALF, released_replica, shifted
 from ._spectrum import SIZE
 
+
+# No replica that lies farther has a bin in the band. [bins].
+FARTHEST = SIZE
+
+# Frequency 0 has no sensitivity and is left by itself.
+_AXIS = Axis(1.0, float(HALF))
 
 _K = np.arange(-HALF, HALF)
 
@@ -67,18 +77,60 @@ def pool(
     return ReleasedPool(jnp.sum(_rings(_fold(lost)), axis=1), _rings(bins), bins)
 
 
-def evaluate(p: ReleasedPool, c: Condition) -> tuple[Float[Array, ""], Array]:
-    """E_s and E_t, means over all bins."""
+def evaluate(p: ReleasedPool, c: Condition) -> tuple[Array, Array, Terms]:
+    """E_s and E_t, means over all bins, and the terms that were evaluated."""
     dtype = p.lost.dtype
     rho = jnp.arange(HALF + 1, dtype=dtype) * (c.display.ppd / SIZE)
-    blurred = -jnp.expm1(c.parameters.beta * log_eye_blur(rho, c))
+    evaluated = terms(c)
+    blurred = lambda: p.kept @ -jnp.expm1(c.parameters.beta * log_eye_blur(rho, c))
+    taken = jax.lax.cond(evaluated.eye_blur, blurred, lambda: jnp.zeros_like(rho))
     still = sensitivity_power(rho, jnp.zeros((), dtype), 0.0, c)
-    spatial = jnp.dot(still, p.lost + jnp.dot(p.kept, blurred)) / SIZE**2
+    spatial = jnp.dot(still, p.lost + taken) / SIZE**2
 
-    flicker = _once(sensitivity_power(rho, c.display.refresh_rate, 1.0, c))
-    moved = _by_ring(shifted(p.bins.T, -judder_shift(c)).T)
-    temporal = jnp.dot(flicker, moved) / SIZE**2
-    return spatial, jnp.where(c.components.judder, temporal, 0)
+    def temporal() -> Array:
+        flicker = _once(sensitivity_power(rho, c.display.refresh_rate, 1.0, c))
+        moved = _by_ring(shifted(p.bins.T, -judder_shift(c)).T)
+        return jnp.dot(flicker, moved) / SIZE**2
+
+    nothing = lambda: jnp.zeros((), dtype)
+    return spatial, jax.lax.cond(evaluated.judder, temporal, nothing), evaluated
+
+
+def terms(c: Condition) -> Terms:
+    """The terms that matter: the replica counts while a bin of it is in the band."""
+    rate = jnp.where(c.components.vrs, c.shading.rate_x, 1)
+    return terms_within(c, HALF - 1 + HALF * rate, replica_place(c))
+
+
+def on_nodes(
+    p: ReleasedPool, nodes: int, places: Float[np.ndarray, " places"]
+) -> NodePool:
+    """The pooled energies carried over to nodes; frequency 0 is left by itself."""
+    dtype = p.lost.dtype
+    rings = jnp.arange(HALF + 1, dtype=dtype)
+    weights = _AXIS.weights(rings, nodes).at[0].set(0)
+    by_ring = jax.lax.map(
+        lambda s: _by_ring(shifted(p.bins.T, -s).T), jnp.asarray(places, jnp.int32)
+    )
+    at = jnp.asarray(_AXIS.nodes(nodes), dtype)
+    return NodePool(
+        lost=p.lost @ weights,
+        kept=weights.T @ p.kept @ weights,
+        moved=jnp.concatenate([by_ring[:, :1], by_ring @ weights], axis=1),
+        radial=at,
+        along=at,
+        places=jnp.asarray(places, dtype),
+    )
+
+
+def replica_place(c: Condition) -> Float[Array, ""]:
+    """Bins between the texture and its temporal replica."""
+    return judder_shift(c).astype(c.display.ppd.dtype)
+
+
+def cell_area(c: Condition) -> Float[Array, ""]:
+    """What a bin counts in an energy. [1]."""
+    return jnp.full_like(c.display.ppd, 1.0 / SIZE**2)
 
 
 def fields(

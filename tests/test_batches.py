@@ -262,6 +262,8 @@ def test_one_compilation_serves_every_condition(formulation, monkeypatch):
         vrs=False,
         eye_blur=np.float32(0),
     )
+    assert len(traced) == first
+    # Rates that differ from condition to condition are pooled one by one: once more.
     run(
         spectrum(),
         Display(**DISPLAY),
@@ -270,7 +272,17 @@ def test_one_compilation_serves_every_condition(formulation, monkeypatch):
         None,
         judder=0,
     )
-    assert len(traced) == first
+    second = len(traced)
+    assert second > first
+    run(
+        spectrum(1),
+        Display(**DISPLAY),
+        Viewing(velocity),
+        Shading(rate_x=0.5, mip_level=velocity),
+        PARAMETERS,
+        vrs=velocity < 2,
+    )
+    assert len(traced) == second
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)

@@ -9,8 +9,10 @@ import pytest
 
 from camojab import (
     Display,
+    Exact,
     Formulation,
     Parameters,
+    Pooled,
     quality,
     Shading,
     Spectrum,
@@ -56,8 +58,28 @@ def vector(**changes):
     return jnp.array([(USUAL | changes)[name] for name in NAMES], float)
 
 
-def qualities(formulation, x, amplitude):
+# Formulations on both of their rungs. So few cells make errors of a tenth of a JND, and
+# the slopes must still be those of the rung itself.
+RELEASED = (Formulation.RELEASED, Exact())
+PAPER = (Formulation.PAPER, Exact())
+RELEASED_POOLED = (Formulation.RELEASED, Pooled(600))
+PAPER_POOLED = (Formulation.PAPER, Pooled(600))
+EVERY = {
+    "released": RELEASED,
+    "paper": PAPER,
+    "released_pooled": RELEASED_POOLED,
+    "paper_pooled": PAPER_POOLED,
+}
+
+
+def on_every(test):
+    ways = [pytest.param(way, id=name) for name, way in EVERY.items()]
+    return pytest.mark.parametrize("way", ways)(test)
+
+
+def qualities(way, x, amplitude):
     """One quality for each row of `x`."""
+    formulation, fidelity = way
     c = dict(zip(NAMES, x.T, strict=True))
     return quality(
         Spectrum(amplitude),
@@ -66,22 +88,23 @@ def qualities(formulation, x, amplitude):
         Shading(**{n: c[n] for n in Shading.UNITS}),
         Parameters(**{n: c[n] for n in ("ws", "wt", "beta", "ca", "cb")}),
         formulation=formulation,
+        fidelity=fidelity,
     )
 
 
 # Compiled once for all tests of the file, not once a test.
 @functools.cache
-def compiled(formulation):
-    values = functools.partial(qualities, formulation)
+def compiled(way):
+    values = functools.partial(qualities, way)
     one = lambda x, amplitude: values(x[None], amplitude)[0]
     return jax.jit(values), jax.jit(jax.grad(one, (0, 1))), jax.jit(jax.jacfwd(one))
 
 
-def central_differences(formulation, x, amplitude):
+def central_differences(way, x, amplitude):
     """The differences, and how far rounding alone can move them."""
     steps = 1e-5 * jnp.maximum(jnp.abs(x), 1e-3)
     points = jnp.concatenate([x[None] + jnp.diag(steps), x[None] - jnp.diag(steps)])
-    high, low = jnp.split(compiled(formulation)[0](points, amplitude), 2)
+    high, low = jnp.split(compiled(way)[0](points, amplitude), 2)
     rounding = 1e-15 * jnp.abs(high).max() / steps
     return np.asarray((high - low) / (2 * steps)), np.asarray(rounding)
 
@@ -142,14 +165,15 @@ def test_the_textures_have_exact_zeros():
 
 
 @pytest.mark.float64  # central differences in float32 have two digits at best
+@pytest.mark.parametrize("way", [PAPER, PAPER_POOLED], ids=["exact", "pooled"])
 @pytest.mark.parametrize("texture", ["dense", "checkerboard", "ramp"])
-def test_paper_slopes_agree(texture):
-    _, backward, forward = compiled(Formulation.PAPER)
+def test_paper_slopes_agree(texture, way):
+    _, backward, forward = compiled(way)
     amplitude = amplitude_of(texture)
     for x in POINTS if texture == "dense" else POINTS[1:3]:
         slope = np.asarray(backward(x, amplitude)[0])
         np.testing.assert_allclose(slope, forward(x, amplitude), rtol=1e-10, atol=1e-12)
-        differences, rounding = central_differences(Formulation.PAPER, x, amplitude)
+        differences, rounding = central_differences(way, x, amplitude)
         assert_are_the_differences(slope, differences, rounding)
 
 
@@ -159,22 +183,23 @@ SMOOTH = ["luminance", "persistence", "mip_level", "beta", "ws", "wt", "ca", "cb
 
 
 @pytest.mark.float64  # central differences in float32 have two digits at best
+@pytest.mark.parametrize("way", [RELEASED, RELEASED_POOLED], ids=["exact", "pooled"])
 @pytest.mark.parametrize("texture", ["dense", "checkerboard", "ramp"])
-def test_released_slopes_agree(texture):
-    _, backward, forward = compiled(Formulation.RELEASED)
+def test_released_slopes_agree(texture, way):
+    _, backward, forward = compiled(way)
     amplitude = amplitude_of(texture)
     smooth = [NAMES.index(name) for name in SMOOTH]
     for x in POINTS if texture == "dense" else POINTS[1:3]:
         slope = np.asarray(backward(x, amplitude)[0])
         np.testing.assert_allclose(slope, forward(x, amplitude), rtol=1e-10, atol=1e-12)
-        differences, rounding = central_differences(Formulation.RELEASED, x, amplitude)
+        differences, rounding = central_differences(way, x, amplitude)
         assert_are_the_differences(slope[smooth], differences[smooth], rounding[smooth])
 
 
-@pytest.mark.parametrize("formulation", list(Formulation))
+@on_every
 @pytest.mark.parametrize("texture", TEXTURES)
-def test_slopes_are_finite_and_alike_at_corners(formulation, texture):
-    _, backward, forward = compiled(formulation)
+def test_slopes_are_finite_and_alike_at_corners(way, texture):
+    _, backward, forward = compiled(way)
     amplitude = amplitude_of(texture)
     rtol, atol = (1e-10, 1e-12) if X64 else (1e-3, 1e-3)
     # In double precision the points have tests of their own.
@@ -207,9 +232,9 @@ EXTREMES = [
 ]
 
 
-@pytest.mark.parametrize("formulation", list(Formulation))
-def test_extremes_are_finite(formulation):
-    values, backward, _ = compiled(formulation)
+@on_every
+def test_extremes_are_finite(way):
+    values, backward, _ = compiled(way)
     amplitude = amplitude_of("checkerboard")
     points = [vector(**extreme) for extreme in EXTREMES]
     padding = [vector()] * (2 * len(NAMES) - len(points))  # as many as are compiled
@@ -223,17 +248,17 @@ def test_extremes_are_finite(formulation):
     assert wrong == []
 
 
-@pytest.mark.parametrize("formulation", list(Formulation))
-def test_zero_texture_has_no_slope(formulation):
-    _, backward, _ = compiled(formulation)
+@on_every
+def test_zero_texture_has_no_slope(way):
+    _, backward, _ = compiled(way)
     for slope in backward(vector(), amplitude_of("zero")):
         np.testing.assert_array_equal(slope, 0)
 
 
 @pytest.mark.float64  # central differences in float32 have two digits at best
-@pytest.mark.parametrize("formulation", list(Formulation))
-def test_slope_with_the_amplitude(formulation):
-    values, backward, _ = compiled(formulation)
+@on_every
+def test_slope_with_the_amplitude(way):
+    values, backward, _ = compiled(way)
     one = lambda amplitude: values(jnp.tile(vector(), (2 * len(NAMES), 1)), amplitude)[
         0
     ]
@@ -252,8 +277,24 @@ def test_slope_with_the_texels():
     @jax.jit
     def one(texture):
         amplitude = Spectrum.from_texture(texture).amplitude
-        return qualities(Formulation.PAPER, vector()[None], amplitude)[0]
+        return qualities(PAPER, vector()[None], amplitude)[0]
 
     differences = (one(texture + 1e-6 * along) - one(texture - 1e-6 * along)) / 2e-6
     slope = (jax.jit(jax.grad(one))(texture) * along).sum()
     np.testing.assert_allclose(slope, differences, rtol=1e-6)
+
+
+@pytest.mark.float64  # central differences in float32 have two digits at best
+@on_every
+def test_second_derivatives_of_what_is_fitted(way):
+    _, backward, _ = compiled(way)
+    amplitude, x = amplitude_of("dense"), vector()
+    fitted = jnp.array([NAMES.index(name) for name in ("beta", "ws", "wt", "ca")])
+    slope = lambda at: backward(x.at[fitted].set(at), amplitude)[0][fitted]
+    curvature = np.asarray(jax.jacfwd(slope)(x[fitted]))
+    np.testing.assert_allclose(curvature, curvature.T, rtol=1e-9, atol=1e-9)
+    for i, value in enumerate(x[fitted]):
+        step = jnp.zeros(len(fitted)).at[i].set(1e-5 * abs(value))
+        rise = slope(x[fitted] + step) - slope(x[fitted] - step)
+        differences = np.asarray(rise / (2 * step[i]))
+        np.testing.assert_allclose(curvature[i], differences, rtol=1e-5, atol=1e-6)

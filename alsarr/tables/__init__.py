@@ -8,6 +8,7 @@ from ._eq31 import (
 )
 from ._file import load_tables as load_tables, save_tables as save_tables
 from ._jindal2021 import TablesJindal2021 as TablesJindal2021
+from ._polynomial import Polynomial as Polynomial
 from ._tables import (
     AbstractTables as AbstractTables,
     Domain as Domain,

@@ -53,6 +53,7 @@ def distil(
     parameters: Parameters | None = None,
     formulation: Formulation = Formulation.RELEASED,
     grid: Grid | None = None,
+    relative_to: str | None = "4x4",
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> QualityTables:
     """Fit Eq. 31 to the model for every texture, mip level, rate and direction.
@@ -64,12 +65,14 @@ def distil(
     - `ppd` [px/deg] and `persistence` [1] of the display that the tables are for.
     - `parameters`: of the model; the published ones of `formulation` if left out.
     - `grid`: conditions to sample.
+    - `relative_to`: name of the rate that the others are relative to; `None` for the
+      model's own quality, which `Polynomial` needs.
     - `progress`: called with the (texture, mip level) pairs done and their number.
 
-    **Returns:** tables of quality relative to 4x4 shading, with their errors on the
-    sampled conditions.
+    **Returns:** tables of quality with their errors on the sampled conditions.
 
-    **Raises:** `ValueError` if there is no texture, or no rising list of mip levels; as
+    **Raises:** `ValueError` if there is no texture, no rising list of mip levels, or no
+    rate of that name; as
     `Display` and `Shading`.
 
     **Source:** Jindal et al. 2021, Eq. 28, 29 and 31.
@@ -78,6 +81,11 @@ def distil(
         raise ValueError("`textures` must have at least one texture, got none.")
     if not mip_levels or sorted(set(mip_levels)) != list(mip_levels):
         raise ValueError(f"`mip_levels` must be one or more, rising, got {mip_levels}.")
+    if relative_to not in (*RATES.names, None):
+        raise ValueError(
+            f"`relative_to` must be one of {', '.join(RATES.names)} or None, got "
+            f"{relative_to!r}."
+        )
     parameters = parameters or Parameters.published(formulation)
     velocity, refresh_rate, log10_luminance = (grid or Grid()).samples()
     display = Display(
@@ -93,7 +101,7 @@ def distil(
         for level in mip_levels:
             progress(len(sampled), total)
             both = (
-                _gains(s, rates, level, display, viewing, parameters, formulation)
+                _at_rates(s, rates, level, display, viewing, parameters, formulation)
                 for s, rates in (
                     (spectrum, RATES.resolution),
                     (spectrum.transposed(), RATES.resolution[:, ::-1]),
@@ -102,18 +110,23 @@ def distil(
             sampled.append(jnp.stack(list(both), axis=1))
     progress(total, total)
     shape = (len(textures), len(mip_levels), len(RATES), 2, velocity.size)
+    quality = jnp.stack(sampled).reshape(shape)
+    if relative_to is not None:
+        at = RATES.names.index(relative_to)
+        quality = quality - quality[:, :, at : at + 1]
     return fit_tables(
         velocity,
         refresh_rate,
         log10_luminance,
-        jnp.stack(sampled).reshape(shape),
+        quality,
         mip_levels=mip_levels,
         texture_names=tuple(textures),
         model=_model_line(display, parameters, formulation),
+        relative_to=relative_to,
     )
 
 
-def _gains(
+def _at_rates(
     spectrum: Spectrum,
     resolution: np.ndarray,
     mip_level: float | int,
@@ -122,14 +135,13 @@ def _gains(
     parameters: Parameters,
     formulation: Formulation,
 ) -> Float[Array, "7 n"]:
-    """Quality of every rate relative to 4x4, under every condition."""
+    """Quality of every rate under every condition. [JND]."""
     shading = Shading(
         rate_x=resolution[:, 0],
         rate_y=resolution[:, 1],
         mip_level=np.full(len(RATES), float(mip_level)),
     )
-    quality = _sample(spectrum, shading, display, viewing, parameters, formulation)
-    return quality - quality[:1]
+    return _sample(spectrum, shading, display, viewing, parameters, formulation)
 
 
 @eqx.filter_jit

@@ -17,8 +17,8 @@ _VARIABLES = {
 }
 # What a reader must find exactly, because the numbers mean nothing else.
 _FIXED = {
-    "schema": "alsarr-tables/1",
-    "quantity": "quality relative to 4x4 shading",
+    "schema": "alsarr-tables/2",
+    "quantity": "quality",
     "unit": "JND",
     "basis": "eq31",
     "axes": ["texture", "mip_level", "rate", "direction", "coefficient"],
@@ -47,7 +47,7 @@ def save_tables(path: str | Path, tables: QualityTables) -> None:
     errors = np.asarray([tables.largest_error, tables.median_error], np.float32)
     if not (np.isfinite(single).all() and np.isfinite(errors).all()):
         raise ValueError("`tables` must hold numbers that are finite in float32.")
-    header = _FIXED | _EXPLAINED
+    header = _FIXED | {"relative_to": tables.relative_to} | _EXPLAINED
     header["variables"] = {
         name: {
             "symbol": symbol,
@@ -96,6 +96,7 @@ def load_tables(path: str | Path) -> QualityTables:
             median_error=_numbers(document, "median_error_jnd", (), path),
             texture_names=tuple(map(str, textures)),
             model=_entry(document, "model", str, path),
+            relative_to=_rate(document, path),
         )
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
@@ -126,6 +127,16 @@ def _entry(document: dict[str, Any], name: str, kind: type, path: str | Path) ->
     if not isinstance(document.get(name), kind):
         raise ValueError(f"{path}: `{name}` must be there and be a {kind.__name__}.")
     return document[name]
+
+
+def _rate(document: dict[str, Any], path: str | Path) -> str | None:
+    name = document.get("relative_to", "")
+    if name not in (*RATES.names, None):
+        raise ValueError(
+            f"{path}: `relative_to` must be one of {', '.join(RATES.names)} or null, "
+            f"got {name!r}."
+        )
+    return name
 
 
 def _numbers(

@@ -3,6 +3,7 @@ from abc import abstractmethod
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._rates import RATES
@@ -92,7 +93,7 @@ class QualityTables(AbstractTables, strict=True):
     Direction 0 is motion in x over the texture as it is; direction 1 is motion in y,
     that is motion in x over the transposed texture with the sides of the coarse pixel
     swapped (Eq. 28). The quality of a tile is the mean of both (Eq. 29), relative to
-    4x4 shading of the same texture under the same condition.
+    shading the same texture under the same condition at the rate `relative_to`.
 
     Conditions outside `domain`, and mip levels outside `mip_levels`, are moved to its
     edge; `outside` tells which.
@@ -104,6 +105,8 @@ class QualityTables(AbstractTables, strict=True):
         all fitted conditions of every rate but 4x4. [JND]
     - `texture_names`: one name a texture.
     - `model`: one line that says which model and display the qualities come from.
+    - `relative_to`: name of the rate whose quality is 0; `None` where qualities are the
+      model's own.
 
     **Raises:** `ValueError` if the shape of the coefficients does not match the names
     and levels, or the levels do not rise.
@@ -118,6 +121,7 @@ class QualityTables(AbstractTables, strict=True):
     median_error: Float[Array, ""]
     texture_names: tuple[str, ...] = eqx.field(static=True)
     model: str = eqx.field(static=True)
+    relative_to: str | None = eqx.field(static=True)
 
     def __init__(
         self,
@@ -129,6 +133,7 @@ class QualityTables(AbstractTables, strict=True):
         median_error: ArrayLike,
         texture_names: tuple[str, ...],
         model: str,
+        relative_to: str | None = "4x4",
     ):
         dtype = jnp.result_type(float)
         coefficients = jnp.asarray(coefficients, dtype)
@@ -149,6 +154,7 @@ class QualityTables(AbstractTables, strict=True):
         self.median_error = jnp.asarray(median_error, dtype)
         self.texture_names = texture_names
         self.model = model
+        self.relative_to = relative_to
 
     @property
     def num_textures(self) -> int:
@@ -219,6 +225,7 @@ def fit_tables(
     mip_levels: tuple[float | int, ...],
     texture_names: tuple[str, ...],
     model: str,
+    relative_to: str | None = "4x4",
 ) -> QualityTables:
     """Fit Eq. 31 to sampled qualities, all textures, mip levels and rates at once.
 
@@ -226,9 +233,9 @@ def fit_tables(
 
     - `velocity`, `refresh_rate`, `log10_luminance`: the sampled conditions, as for
         `fit_eq31`. Their extremes become the domain of the tables.
-    - `quality`: the model's quality at them, relative to 4x4. [JND]. Axes as in
-        `QualityTables`.
-    - `mip_levels`, `texture_names`, `model`: as in `QualityTables`.
+    - `quality`: the model's quality at them, relative to `relative_to`. [JND]. Axes as
+        in `QualityTables`.
+    - `mip_levels`, `texture_names`, `model`, `relative_to`: as in `QualityTables`.
 
     **Returns:** `QualityTables` with their largest and median error.
 
@@ -244,7 +251,9 @@ def fit_tables(
         refresh_rate[axes],
         log10_luminance[axes],
     )
-    error = jnp.abs(fitted - quality)[:, :, 1:]
+    # The rate that the others are relative to is fitted exactly, by 0.
+    free = [name != relative_to for name in RATES.names]
+    error = jnp.abs(fitted - quality)[:, :, np.array(free)]
     ends = lambda x: jnp.stack([jnp.min(x), jnp.max(x)])
     return QualityTables(
         coefficients=coefficients,
@@ -258,4 +267,5 @@ def fit_tables(
         median_error=jnp.median(error),
         texture_names=texture_names,
         model=model,
+        relative_to=relative_to,
     )

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._chains import CHAIN
 from .._condition import Condition
 from .._display import Components, Display, Shading, Viewing
 from .._parameters import Formulation, Parameters
-from .._quality import CHAIN
 
 
 _POOLED = ("beta", "mipmap_width")
@@ -106,6 +106,6 @@ def _evaluated(chain: Chain, pools, held: Parameters, values: Float[Array, " fre
         energies = jax.tree.map(lambda x: x[pool], pools)
         shading = jax.tree.map(lambda x: x[pool], chain.shading)
         c = Condition(display, viewing, shading, chain.components, parameters)
-        return CHAIN[chain.formulation].evaluate(energies, c)
+        return CHAIN[chain.formulation].evaluate(energies, c)[:2]
 
     return jax.lax.map(one, (chain.pool, chain.display, chain.viewing))

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._chains import CHAIN
 from .._condition import Condition, Field, flattened
 from .._parameters import Formulation, Parameters
-from .._quality import CHAIN
 from .._spectrum import Spectrum
 
 

@@ -240,7 +240,7 @@ def test_file_explains_itself_and_is_strict_json(tmp_path):
     save_tables(path, tables())
     refuse = lambda token: pytest.fail(f"{token} is no JSON")
     document = json.loads(path.read_text(), parse_constant=refuse)
-    assert document["schema"] == "alsarr-tables/1"
+    assert document["schema"] == "alsarr-tables/2"
     assert document["basis"] == "eq31" and document["unit"] == "JND"
     assert document["rates"] == list(RATES.names)
     assert document["textures"] == ["brick", "grass"]
