@@ -21,8 +21,10 @@ smoke: $(VENV)/test.installed
 	$(BIN)/python -m pytest tests/test_quality.py tests/test_csf.py tests/alsarr/test_alsarr_greedy.py
 
 # Times, never a test: on a machine that has nothing else to do.
-bench: $(VENV)/test.installed
+bench: $(VENV)/bench.installed
+	$(BIN)/camojab bench -o $(OUT)/bench
 	$(BIN)/python tests/benchmarks/bench_fit.py
+	$(BIN)/python -m pytest tests/benchmarks/bench_model.py -p no:xdist
 
 lint: $(VENV)/dev.installed
 	$(BIN)/ruff check .

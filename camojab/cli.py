@@ -373,6 +373,33 @@ def fit(
         )
 
 
+@app.command()
+def bench(
+    output: Folder,
+    seconds: Annotated[
+        float,
+        typer.Option(
+            min=0,
+            help="Time after which no further batch size is begun. Errors, and one "
+            "batch size of everything, are measured whatever it takes.",
+        ),
+    ] = 150,
+    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1)] = 0,
+) -> None:
+    """Measure what accuracy costs on this machine.
+
+    Writes bench.json, bench.csv and bench.png: error against throughput of every
+    fidelity in both precisions and formulations, compiling, pooling and running
+    apart, on the conditions that the authors' program was run on and the textures
+    of Jindal et al. 2021, or built-in ones where these cannot be had.
+    """
+    # Both precisions are measured; each is entered where it is.
+    with stages() as progress:
+        from ._bench_command import bench
+
+        bench(seconds=seconds, seed=seed, output=output, progress=progress)
+
+
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 

@@ -165,9 +165,9 @@ def test_nothing_breaks_at_the_extremes(rung):
 
 # ---- single precision
 
-# The largest of 51 000 conditions was 3e-5 JND in the released formulation, and 7e-5 of
-# 3 600 in the paper's, both of noise with a quality of about -60 and -100 JND; of 23 000
-# pooled ones of the paper's 2.1e-4, at -154 JND.
+# The largest of 51 000 conditions was 3e-5 JND in the released formulation and 7e-5 of
+# 3600 in the paper's, both of noise of -60 and -100 JND; on nodes 2.1e-4 of 23 000, at
+# -154 JND.
 SINGLE_PRECISION_JND = 4e-4
 
 

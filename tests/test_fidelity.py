@@ -162,18 +162,18 @@ def test_more_cells_are_more_accurate():
     exact = quality(*args)
     errors = [
         float(jnp.abs(quality(*args, fidelity=Pooled(n)) - exact).max())
-        for n in (300, 1000, 2000, 5000)
+        for n in (400, 1000, 2000, 5000)
     ]
     assert (np.diff(errors) < 0).all() and errors[0] > 100 * errors[-1]
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("most", [300, 1000, 2000, 5000, 20_000, 50_000])
+@pytest.mark.parametrize("most", [400, 1000, 2000, 5000, 20_000, 50_000])
 def test_no_more_cells_than_asked_for(most, formulation):
     nodes, single = _size(most, formulation)
     chain = CHAIN[formulation]
     places = replica_places(single, chain.FARTHEST)
-    assert cells(nodes, len(places)) <= most < cells(nodes + 1, len(places))
+    assert 0.3 * most < cells(nodes, len(places)) <= most
     assert (np.diff(places) > 0).all() and places[-1] == chain.FARTHEST
     pooled = pool(texture(), formulation=formulation, fidelity=Pooled(most)).energies
     kept = [pooled.lost, pooled.kept, pooled.moved]
@@ -399,7 +399,7 @@ def test_auto_is_exact_where_nothing_else_will_do():
 # ---- errors
 
 
-@pytest.mark.parametrize("cells", [0, 299, 50_001, -5])
+@pytest.mark.parametrize("cells", [0, 399, 50_001, -5])
 def test_cells_out_of_range(cells):
     with pytest.raises(ValueError, match=rf"`cells` must be .* got {cells}\."):
         Pooled(cells)
