@@ -114,7 +114,7 @@ def test_errors(document):
     assert pooled["worst"].split(",")[0] in ("grass", "noise")
     assert " deg/s" in pooled["worst"] and " Hz" in pooled["worst"]
     # The rung's own estimate is not optimistic by more than a factor of two.
-    assert pooled["estimate_jnd"] > 0.5 * pooled["largest_jnd"]
+    assert pooled["estimate_jnd"] > 0.5 * pooled["largest_of_rates_jnd"]
     # The paper's formulation has no conditions of the table, but two textures at four
     # rates under eight conditions.
     paper = rows["paper", "float64", "exact"]

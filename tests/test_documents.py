@@ -1,4 +1,4 @@
-"""Every Python block of the README and every code cell of the notebooks runs."""
+"""Every Python block of the pages and every code cell of the notebooks runs."""
 
 import json
 import os
@@ -13,9 +13,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
-def _readme():
-    text = (ROOT / "README.md").read_text()
-    return re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+def _blocks(page):
+    return re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL)
 
 
 def _cells(notebook):
@@ -25,7 +24,8 @@ def _cells(notebook):
 
 
 DOCUMENTS = {
-    "README.md": _readme(),
+    "README.md": _blocks(ROOT / "README.md"),
+    "precision.md": _blocks(ROOT / "notebooks" / "precision.md"),
     **{n.name: list(_cells(n)) for n in sorted(ROOT.glob("notebooks/*.ipynb"))},
 }
 

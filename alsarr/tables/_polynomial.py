@@ -3,9 +3,17 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from camojab import AbstractFidelity, Distortion, Formulation, Pooled, Spectrum
+from camojab import (
+    AbstractFidelity,
+    Distortion,
+    Formulation,
+    Pooled,
+    Shading,
+    Spectrum,
+)
 from camojab._batch import batch, sampled
 from camojab._condition import common_shape, Condition
 from camojab._errors import check
@@ -55,21 +63,31 @@ class Polynomial(eqx.Module, AbstractFidelity):
     ) -> Float[Array, "..."]:
         """Quality of motion along x. [JND]. The spectrum is not looked at."""
         del spectrum, formulation
-        tables, c = self.tables, condition
-        shape, dtype = common_shape(condition), tables.dtype
-        whole = lambda x: jnp.broadcast_to(x, shape).astype(dtype).ravel()
-        rate = _rate(whole(c.shading.rate_x), whole(c.shading.rate_y))
-        level = whole(c.shading.mip_level)
+        tables, c, shape = self.tables, condition, common_shape(condition)
+        clipped = lambda x, ends: jnp.clip(
+            jnp.broadcast_to(x, shape).astype(tables.dtype), *ends
+        )
+        domain = tables.domain
+        light = clipped(c.display.luminance, 10**domain.log10_luminance)
+        return evaluate_eq31(
+            jnp.broadcast_to(self._coefficients(c.shading), (*shape, 10)),
+            clipped(c.viewing.velocity, domain.velocity),
+            clipped(c.display.refresh_rate, domain.refresh_rate),
+            jnp.log10(light),
+        )
+
+    def _coefficients(self, s: Shading) -> Float[Array, "*shading 10"]:
+        """Of every rate and mip level, in their own shape."""
+        tables = self.tables
+        fields = (s.rate_x, s.rate_y, s.mip_level)
+        shape = np.broadcast_shapes(*(x.shape for x in fields))
+        rate_x, rate_y, level = (
+            jnp.broadcast_to(x, shape).astype(tables.dtype).ravel() for x in fields
+        )
         nearest = jnp.argmin(jnp.abs(tables.mip_levels[:, None] - level[None]), axis=0)
         texture = tables.texture_names.index(self.texture)
-        domain = tables.domain
-        light = jnp.clip(whole(c.display.luminance), *10**domain.log10_luminance)
-        return evaluate_eq31(
-            tables.coefficients[texture, nearest, rate, 0],
-            jnp.clip(whole(c.viewing.velocity), *domain.velocity),
-            jnp.clip(whole(c.display.refresh_rate), *domain.refresh_rate),
-            jnp.log10(light),
-        ).reshape(shape)
+        found = tables.coefficients[texture, nearest, _rate(rate_x, rate_y), 0]
+        return found.reshape(*shape, 10)
 
     def distortion(
         self, spectrum: Spectrum, condition: Condition, formulation: Formulation
