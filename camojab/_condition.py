@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ._csf import log_sensitivity
 from ._display import Components, Display, Shading, Viewing
@@ -68,16 +68,22 @@ class Terms(eqx.Module):
     A term is left out only where it could not change the result by more than a
     rounding error: no coarse shading where `Components` leaves it out, no `eye_blur`
     where it passes all that the display shows, no `judder` where the temporal replica
-    lies wholly beyond the spectrum.
+    lies wholly beyond the spectrum. `band` is the highest frequency on whose bins the
+    shaded spectrum was evaluated, 256 for all: coarse shading leaves none beyond.
+    [bins].
     """
 
     vrs: Bool[Array, "..."]
     eye_blur: Bool[Array, "..."]
     judder: Bool[Array, "..."]
+    band: Int[Array, "..."]
 
 
 def terms_within(
-    c: Condition, reach: Float[Array, ""], replica: Float[Array, ""]
+    c: Condition,
+    reach: Float[Array, ""],
+    replica: Float[Array, ""],
+    band: Int[Array, ""],
 ) -> Terms:
     """The terms that matter; `reach` is the last place where a replica does. [bins]."""
     nyquist = 0.5 * c.display.ppd
@@ -87,6 +93,7 @@ def terms_within(
         vrs=c.components.vrs,
         eye_blur=c.components.eye_blur & (most >= negligible),
         judder=c.components.judder & (replica <= reach),
+        band=band,
     )
 
 

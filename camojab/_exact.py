@@ -79,5 +79,5 @@ def _evaluated(
     rows = conditions.display.ppd.shape
     if math.prod(rows) == 0:
         nothing, none = jnp.zeros(rows, spectrum.amplitude.dtype), jnp.zeros(rows, bool)
-        return nothing, nothing, Terms(none, none, none)
+        return nothing, nothing, Terms(none, none, none, jnp.zeros(rows, int))
     return jax.lax.map(of_setting, conditions)

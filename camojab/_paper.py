@@ -4,6 +4,7 @@ Integrals run over the quadrant [0, Nyquist]^2 of the bins 0..256, with weights 
 follow the crop and the replica continuously.
 """
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -28,12 +29,15 @@ from ._math import safe_hypot, safe_power
 from ._node_pool import NodePool
 from ._nodes import Axis
 from ._parameters import Parameters
-from ._sampling import below, comb, HALF, RESOLUTION
+from ._sampling import band, BANDS, below, comb, HALF, RESOLUTION
 from ._spectrum import SIZE
 
 
-# No replica that lies farther has energy left by the soft edge of the crop. [bins].
-FARTHEST = HALF + 16
+# Twelve standard deviations: the edge of the crop falls to 0 in any precision. [bins].
+SOFT = math.ceil(12 * RESOLUTION)
+
+# No replica that lies farther has energy left. [bins].
+FARTHEST = HALF + 2 * SOFT
 
 
 class PaperPool(eqx.Module):
@@ -123,19 +127,26 @@ def evaluate(p: PaperPool, c: Condition) -> tuple[Array, Array, Terms]:
     )
     spatial = step**2 * jnp.sum(energy * still)
 
-    def temporal() -> Array:
-        radius, inside = replica(rho, step, p.rate_x, p.rate_y, c)
+    def temporal(half: int) -> Array:
+        n = min(half + SOFT, HALF) + 1
+        radius, inside = replica(rho[:n], step, p.rate_x, p.rate_y, c)
         flicker = sensitivity_power(radius, c.display.refresh_rate, 0.0, c)
-        return step**2 * jnp.sum(p.kept * flicker * inside)
+        return step**2 * jnp.sum(p.kept[:n, :n] * flicker * inside)
 
-    no_judder = lambda: jnp.zeros((), dtype)
-    return spatial, jax.lax.cond(evaluated.judder, temporal, no_judder), evaluated
+    ways = [lambda: jnp.zeros((), dtype)]
+    ways += [functools.partial(temporal, half) for half in BANDS]
+    way = 1 + band(HALF * jnp.maximum(p.rate_x, p.rate_y))
+    return spatial, jax.lax.switch(jnp.where(evaluated.judder, way, 0), ways), evaluated
 
 
 def terms(c: Condition) -> Terms:
     """The terms that matter: beyond the crop, its soft edge falls below rounding."""
     rate = jnp.where(c.components.vrs, c.shading.rate_x, 1)
-    return terms_within(c, HALF * rate + 12.0 * RESOLUTION, replica_place(c))
+    highest = jnp.where(
+        c.components.vrs, jnp.maximum(c.shading.rate_x, c.shading.rate_y), 1
+    )
+    within = jnp.minimum(jnp.asarray(BANDS)[band(HALF * highest)] + SOFT, HALF)
+    return terms_within(c, HALF * rate + SOFT, replica_place(c), within)
 
 
 # Radial frequencies of the integrals and of the replica lie between these. [bins].
@@ -216,19 +227,20 @@ def fields(
 
 
 def replica(
-    rho: Float[Array, "257"],
+    rho: Float[Array, " n"],
     step: Float[Array, ""],
     rate_x: Float[Array, ""],
     rate_y: Float[Array, ""],
     c: Condition,
-) -> tuple[Float[Array, "257 257"], Float[Array, "257 257"]]:
+) -> tuple[Float[Array, "n n"], Float[Array, "n n"]]:
     """Radial frequency [cpd] and weights of the temporal replica (Eq. 22, 23)."""
     distance = _replica_distance(c)
     moved = rho[None, :] - distance
     # Half a bin of uncertainty, or the cusp of S^beta at 0 could sit on a grid point.
     radius = jnp.sqrt(moved**2 + rho[:, None] ** 2 + (0.5 * step) ** 2)
     ahead = below(rate_x * HALF) * (1.0 - below(distance / step))
-    return radius, ahead[None, :] * _half_axis(rate_y)[:, None]
+    n = rho.shape[0]
+    return radius, ahead[None, :n] * _half_axis(rate_y)[:n, None]
 
 
 def _replica_distance(c: Condition) -> Float[Array, ""]:

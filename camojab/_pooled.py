@@ -112,7 +112,7 @@ def _evaluated(
 ) -> tuple[Float[Array, " rows"], Float[Array, " rows"], Terms]:
     if len(of.setting) == 0:
         nothing, none = jnp.zeros(0, spectrum.amplitude.dtype), jnp.zeros(0, bool)
-        return nothing, nothing, Terms(none, none, none)
+        return nothing, nothing, Terms(none, none, none, jnp.zeros(0, int))
     row = lambda x: jnp.broadcast_to(x, of.setting.shape)[of.first]
     settings = jax.tree.map(row, of.conditions)
     pools = _pools(spectrum, settings, formulation, nodes, single)

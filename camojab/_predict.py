@@ -226,7 +226,7 @@ def _distortion(
     rows: Int[np.ndarray, " n"],
     formulation: Formulation,
 ) -> Distortion:
-    c = jax.tree.map(lambda field: field[rows], conditions)
+    c = jax.tree.map(lambda field: jnp.asarray(field[rows]), conditions)
     return distortion(
         spectrum,
         c.display,

@@ -6,6 +6,8 @@ lost to shading and what each pair of ring and horizontal frequency kept. Displa
 velocities then cost a hundredth of the spectrum itself.
 """
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -27,7 +29,7 @@ from ._math import safe_power
 from ._node_pool import NodePool
 from ._nodes import Axis
 from ._parameters import Parameters
-from ._sampling import HALF, released_replica, shifted
+from ._sampling import band, BANDS, HALF, released_replica, shifted
 from ._spectrum import SIZE
 
 
@@ -67,11 +69,29 @@ def shade(
     return jnp.where(c.vrs, released_replica(across.T, s.rate_x).T, amplitude)
 
 
+def _power_within(
+    half: int, spectrum: Float[Array, "512 512"], beta: Float[Array, ""]
+) -> Float[Array, "512 512"]:
+    """Power of the bins up to `half`; the others hold exact zeros."""
+    low, high = HALF - half, min(HALF + half + 1, SIZE)
+    power = safe_power(spectrum[low:high, low:high], beta)
+    return jnp.pad(power, (low, SIZE - high))
+
+
+_POWER_WITHIN = [functools.partial(_power_within, half) for half in BANDS]
+
+
+def _band(s: Shading, c: Components) -> Int[Array, ""]:
+    """The crop leaves nothing beyond the coarse Nyquist frequencies."""
+    return band(HALF * jnp.where(c.vrs, jnp.maximum(s.rate_x, s.rate_y), 1))
+
+
 def pool(
     amplitude: Float[Array, "512 512"], s: Shading, c: Components, p: Parameters
 ) -> ReleasedPool:
     """Pool the energies of a texture at one mip level, rate and exponent."""
-    power = _once(safe_power(shade(amplitude, s, c, p), p.beta))
+    shaded = shade(amplitude, s, c, p)
+    power = _once(jax.lax.switch(_band(s, c), _POWER_WITHIN, shaded, p.beta))
     lost = _once(safe_power(amplitude, p.beta) - power)
     bins = _fold(power)
     return ReleasedPool(jnp.sum(_rings(_fold(lost)), axis=1), _rings(bins), bins)
@@ -99,7 +119,8 @@ def evaluate(p: ReleasedPool, c: Condition) -> tuple[Array, Array, Terms]:
 def terms(c: Condition) -> Terms:
     """The terms that matter: the replica counts while a bin of it is in the band."""
     rate = jnp.where(c.components.vrs, c.shading.rate_x, 1)
-    return terms_within(c, HALF - 1 + HALF * rate, replica_place(c))
+    within = jnp.asarray(BANDS)[_band(c.shading, c.components)]
+    return terms_within(c, HALF - 1 + HALF * rate, replica_place(c), within)
 
 
 def on_nodes(

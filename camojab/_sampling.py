@@ -21,6 +21,15 @@ HALF = SIZE // 2
 RESOLUTION = 0.65
 
 
+# Frequencies that the band of a shaded spectrum may end at: those of the usual rates.
+BANDS = (HALF // 4, HALF // 2, HALF)
+
+
+def band(highest: Float[Array, ""]) -> Int[Array, ""]:
+    """Index of the narrowest of `BANDS` that has all bins up to `highest`."""
+    return jnp.where(highest > BANDS[1], 2, jnp.where(highest > BANDS[0], 1, 0))
+
+
 def shifted(spectrum: Float[Array, "n m"], bins: Int[Array, ""]) -> Float[Array, "n m"]:
     """Row `k` becomes row `k + bins`; zero beyond the edge. `bins` in [-n, n]."""
     rows = spectrum.shape[0]
