@@ -28,6 +28,7 @@ from ._parameters import (
 from ._pooled import Pooled as Pooled
 from ._predict import predict as predict
 from ._quality import (
+    choose_fidelity as choose_fidelity,
     distortion as distortion,
     error_estimate as error_estimate,
     pool as pool,

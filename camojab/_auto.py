@@ -32,7 +32,8 @@ class Auto(AbstractFidelity):
     - `rungs`: to choose from, the cheapest first; `Exact` follows the last.
 
     **Raises:** `ValueError` for a tolerance out of range; when used, under a JAX
-    transformation of the conditions: `choose` before it and use what it returns.
+    transformation of the conditions: call `choose_fidelity` before it and pass what it
+    returns.
     """
 
     tolerance_jnd: float = 0.05

@@ -35,7 +35,7 @@ class Pooled(AbstractFidelity):
     of the fields of `Shading`, `beta`, `mipmap_width` and `vrs`. Derivatives are those
     of the approximation, with respect to everything.
 
-    **Arguments:** `cells`: energies that stand for a texture, at most. From 300 to
+    **Arguments:** `cells`: energies that stand for a texture, at most. From 400 to
     50 000; more are slower and more accurate.
 
     **Raises:** `ValueError` for `cells` out of range.
@@ -113,7 +113,7 @@ def _evaluated(
     if len(of.setting) == 0:
         nothing, none = jnp.zeros(0, spectrum.amplitude.dtype), jnp.zeros(0, bool)
         return nothing, nothing, Terms(none, none, none, jnp.zeros(0, int))
-    row = lambda x: jnp.broadcast_to(x, of.setting.shape)[of.first]
+    row = lambda x: x[of.first] if x.ndim else jnp.broadcast_to(x, of.first.shape)
     settings = jax.tree.map(row, of.conditions)
     pools = _pools(spectrum, settings, formulation, nodes, single)
     return on_pools(pools, of.conditions, jnp.asarray(of.setting), formulation)

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ._auto import Auto
 from ._batch import batch
 from ._chains import CHAIN
 from ._condition import Condition, flattened
@@ -120,6 +121,30 @@ def error_estimate(
     )
     _check_precision(spectrum)
     return fidelity.error_jnd(spectrum, condition, formulation)
+
+
+def choose_fidelity(
+    spectrum: Spectrum,
+    display: Display,
+    viewing: Viewing,
+    shading: Shading | None = None,
+    parameters: Parameters | None = None,
+    *,
+    formulation: Formulation = Formulation.RELEASED,
+    components: Components | None = None,
+    fidelity: Auto,
+) -> AbstractFidelity:
+    """The rung that `fidelity` takes for these conditions, to pass on as it is.
+
+    **Arguments:** as `quality`.
+
+    **Raises:** as `distortion`; `ValueError` under a JAX transformation.
+    """
+    condition = _condition(
+        display, viewing, shading, parameters, formulation, components
+    )
+    _check_precision(spectrum)
+    return fidelity.choose(spectrum, condition, formulation)
 
 
 def _condition(

@@ -9,6 +9,7 @@ import pytest
 
 from camojab import (
     Auto,
+    choose_fidelity,
     Components,
     datasets,
     Display,
@@ -394,6 +395,16 @@ def test_auto_takes_the_cheapest_rung_that_is_accurate_enough():
     rungs = Auto(0.01).rungs
     before = rungs[[str(r) for r in rungs].index(taken[-1]) - 1]
     assert error_estimate(*args, fidelity=before) > 0.01
+
+
+def test_the_chosen_rung_can_be_used_under_transformations():
+    spectrum, (display, viewing) = texture(), scattered(100)
+    rung = choose_fidelity(spectrum, display, viewing, fidelity=Auto(0.1))
+    assert isinstance(rung, Pooled)
+    of = lambda v: quality(spectrum, display, Viewing(v), fidelity=rung)
+    expected = quality(spectrum, display, viewing, fidelity=Auto(0.1))
+    ours = jax.jit(of)(viewing.velocity)
+    np.testing.assert_allclose(ours, expected, 1e-11 if X64 else 2e-5)
 
 
 def test_auto_is_exact_where_nothing_else_will_do():
