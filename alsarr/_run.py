@@ -19,6 +19,7 @@ from .export import write_rates_bin, write_rates_png
 from .oracle import TableOracle
 from .solve import greedy_jindal2021
 from .tables import AbstractTables, distil, Grid, load_tables, save_tables
+from .tables._file import SCHEMA
 
 
 Progress = Callable[[str, int, int], None]
@@ -76,7 +77,14 @@ def run(
     parameters = Parameters(**found["parameters"])
     made, distilled = stages.run(
         "tables",
-        (release, dict(inputs.textures), inputs.mip_levels, inputs.ppd, parameters),
+        (
+            release,
+            SCHEMA,
+            dict(inputs.textures),
+            inputs.mip_levels,
+            inputs.ppd,
+            parameters,
+        ),
         ["tables.json"],
         lambda: _tables(inputs, parameters, out, lambda *n: progress("tables", *n)),
     )

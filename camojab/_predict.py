@@ -23,7 +23,8 @@ from ._columns import (
 )
 from ._condition import Condition, flattened
 from ._display import Components, Display, Shading, Viewing
-from ._fidelity import Distortion
+from ._exact import Exact
+from ._fidelity import AbstractFidelity, Distortion
 from ._parameters import Formulation, Parameters
 from ._quality import distortion
 from ._spectrum import luminance, Spectrum
@@ -63,6 +64,7 @@ def predict(
     textures: Mapping[str, ArrayLike] | None = None,
     encoding: str | None = None,
     folder: str | Path | None = None,
+    fidelity: AbstractFidelity | None = None,
 ) -> "pandas.DataFrame":
     """Distortions and quality of every row of a table of conditions.
 
@@ -90,6 +92,8 @@ def predict(
     - `encoding`: of the image files and of `textures`, as `Spectrum.from_texture` takes
         it; without it colour is an error and grey is relative luminance as it stands.
         The textures of `datasets` are luminance already.
+    - `fidelity`: as `distortion`; rows that share texture, mip level, rates and `beta`
+        make a setting.
 
     **Returns:** a copy of the table with the further columns `spatial_distortion` [1],
     `temporal_distortion` [1] and `quality_jnd` [JND], as `distortion` and `quality`
@@ -112,6 +116,7 @@ def predict(
         textures=textures or {},
         encoding=encoding,
         folder=folder,
+        fidelity=fidelity or Exact(),
     )
     return table.assign(**added)
 
@@ -129,6 +134,7 @@ def predictions(
     textures: Mapping[str, ArrayLike],
     encoding: str | None,
     folder: str | Path | None,
+    fidelity: AbstractFidelity,
     progress: Callable[[int], None] = lambda rows: None,
 ) -> dict[str, Float[np.ndarray, " rows"]]:
     """The columns that `predict` adds; `progress` is told of rows as they are done.
@@ -146,7 +152,8 @@ def predictions(
     if problems:
         raise TableError.of(problems)
     conditions = _conditions(values, parameters, dtype)
-    spatial, temporal = _evaluated(groups, found, conditions, formulation, progress)
+    way = formulation, fidelity
+    spatial, temporal = _evaluated(groups, found, conditions, way, progress)
     weights = conditions.parameters
     quality = np.asarray(weights.ws * spatial + weights.wt * temporal)
     check_finite("quality_jnd", quality)
@@ -183,13 +190,14 @@ def _evaluated(
     groups: Mapping[str, Int[np.ndarray, " n"]],
     found: Mapping[str, Source],
     conditions: Condition,
-    formulation: Formulation,
+    way: tuple[Formulation, AbstractFidelity],
     progress: Callable[[int], None],
 ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
     """Spatial and temporal distortion of all rows, one texture after the other."""
     spatial = np.zeros_like(conditions.display.ppd)
     temporal = np.zeros_like(spatial)
-    length = _run_length([len(rows) for rows in groups.values()])
+    sizes = [len(rows) for rows in groups.values()]
+    length = _run_length(sizes) if way[1] == Exact() else max(sizes)
     problems = []
     for name, rows in groups.items():
         try:
@@ -203,7 +211,7 @@ def _evaluated(
         for start in range(0, len(rows), length):
             run = rows[start : start + length]
             padded = np.pad(run, (0, length - len(run)), mode="edge")
-            parts = _distortion(spectrum, conditions, padded, formulation)
+            parts = _distortion(spectrum, conditions, padded, *way)
             spatial[padded], temporal[padded] = parts.spatial, parts.temporal
             progress(len(run))
     if problems:
@@ -225,6 +233,7 @@ def _distortion(
     conditions: Condition,
     rows: Int[np.ndarray, " n"],
     formulation: Formulation,
+    fidelity: AbstractFidelity,
 ) -> Distortion:
     c = jax.tree.map(lambda field: jnp.asarray(field[rows]), conditions)
     return distortion(
@@ -235,6 +244,7 @@ def _distortion(
         c.parameters,
         formulation=formulation,
         components=c.components,
+        fidelity=fidelity,
     )
 
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import typer
 
+from ._auto import Auto
 from ._columns import (
     check_columns,
     check_finite,
@@ -21,6 +22,7 @@ from ._columns import (
 from ._command import release, stages, Unusable, usable
 from ._csf import sensitivity as contrast_sensitivity
 from ._csv import CsvTable, read_csv
+from ._exact import Exact
 from ._files import replacing
 from ._parameters import Formulation, load_parameters, Parameters
 from ._predict import ADDED, known, predictions, REQUIRED
@@ -41,8 +43,11 @@ def predict(
     formulation: str | None,
     parameters: Path | None,
     encoding: str | None,
+    tolerance: float,
 ) -> None:
     """Predict for every row, write the table, and print what with."""
+    with usable({"`tolerance_jnd`": "`--tolerance`"}):
+        fidelity = Auto(tolerance) if tolerance else Exact()
     table = _read(conditions)
     _check_output(output)
     with _naming(table):
@@ -57,11 +62,14 @@ def predict(
                 textures={},
                 encoding=encoding,
                 folder=conditions.parent,
+                fidelity=fidelity,
                 progress=progress,
             )
     model = f"{statement.value}, {constants.report()}"
     if "beta" in table.header:
         model += " (but beta of each row)"
+    if tolerance:
+        model += f", within {tolerance:g} JND"
     _write(output, table, added, known())
     print(f"camojab {release()}, {model}, {_dtype().name}")
 

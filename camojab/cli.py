@@ -118,6 +118,14 @@ def predict(
     precision: Precision = "64",
     parameters: Constants = None,
     encoding: Encoding = None,
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            min=0,
+            help="Error of a quality that may be made for speed [JND]: many rows that "
+            "share texture, mip level and rates then take a microsecond each.",
+        ),
+    ] = 0.0,
 ) -> None:
     """Predict distortions and quality (JND) for every row of a table.
 
@@ -139,6 +147,7 @@ def predict(
             formulation=formulation,
             parameters=parameters,
             encoding=encoding,
+            tolerance=tolerance,
         )
 
 

@@ -93,6 +93,22 @@ def test_golden_distortions(tmp_path, real_data, precision, rtol):
     np.testing.assert_allclose(numbers(got, ADDED[2]), quality, rtol=0, atol=atol)
 
 
+def test_tolerance(tmp_path, capsys):
+    row = read(GOLDEN / "model_dst.csv")[0] | {"texture": "builtin:grass"}
+    speeds = np.linspace(5, 60, 50)
+    write(tmp_path / "in.csv", [row | {"velocity_deg_s": str(v)} for v in speeds])
+    command = ["predict", str(tmp_path / "in.csv"), "-o", str(tmp_path / "out.csv")]
+    assert main(command) == 0
+    exact = numbers(read(tmp_path / "out.csv"), ADDED[2])
+    capsys.readouterr()
+    assert main([*command, "--tolerance", "0.05"]) == 0
+    assert "within 0.05 JND" in capsys.readouterr().out
+    error = np.abs(numbers(read(tmp_path / "out.csv"), ADDED[2]) - exact)
+    assert 0 < error.max() < 0.05
+    assert main([*command, "--tolerance", "inf"]) == 1
+    assert "`--tolerance` must be finite and >= 0 JND" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("precision, rtol", [("64", 1e-10), ("32", 1e-4)])
 def test_golden_sensitivities(tmp_path, precision, rtol):
     golden = read(GOLDEN / "csf.csv")

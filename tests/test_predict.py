@@ -14,8 +14,10 @@ from camojab import (
     Components,
     Display,
     distortion,
+    Exact,
     Formulation,
     Parameters,
+    Pooled,
     quality,
     Shading,
     Spectrum,
@@ -189,11 +191,23 @@ def test_each_texture_is_read_once_and_one_shape_serves_all(tmp_path, monkeypatc
         textures={},
         encoding=None,
         folder=tmp_path,
+        fidelity=Exact(),
         progress=done.append,
     )
     assert read == ["a.npy", "b.npy"]
     assert len(shapes) > 2 and len(set(shapes)) == 1
     assert sum(done) == 20
+
+
+def test_rows_in_any_order_share_settings_on_other_rungs():
+    table = conditions(40)
+    table["rate_x"] = np.resize([1.0, 0.5, 0.5, 0.25], 40)
+    table["rate_y"], table["mip_level"] = 1.0, 0.0
+    exact = predict(table, textures=textures())
+    pooled = predict(table, textures=textures(), fidelity=Pooled(5000))
+    error = np.abs(pooled["quality_jnd"] - exact["quality_jnd"])
+    assert 0 < error.max() < 0.02
+    assert list(pooled["texture"]) == list(table["texture"])
 
 
 @settings(deadline=None)

@@ -15,9 +15,11 @@ _VARIABLES = {
     "refresh_rate": ("f", "Hz"),
     "log10_luminance": ("L", "log10(cd/m^2)"),
 }
+SCHEMA = "alsarr-tables/2"
+
 # What a reader must find exactly, because the numbers mean nothing else.
 _FIXED = {
-    "schema": "alsarr-tables/2",
+    "schema": SCHEMA,
     "quantity": "quality",
     "unit": "JND",
     "basis": "eq31",

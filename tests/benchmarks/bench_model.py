@@ -10,6 +10,7 @@ import jax
 import numpy as np
 import pytest
 
+from alsarr.tables import distil, Polynomial
 from camojab import (
     datasets,
     Display,
@@ -97,3 +98,13 @@ def test_both_at_once(benchmark, spectrum, formulation, fidelity):
         ),
     )
     assert found.shape == (10,)
+
+
+def test_polynomial(benchmark, spectrum):
+    textures = {"grass": spectrum}
+    tables = distil(textures, mip_levels=(0,), ppd=60.0, relative_to=None)
+    arguments, rung = conditions(10_000), Polynomial(tables, "grass")
+    of = jax.jit(
+        lambda *views: quality(spectrum, *views, Shading(rate_x=0.5), fidelity=rung)
+    )
+    assert timed(benchmark, lambda: of(*arguments)).shape == (10_000,)
