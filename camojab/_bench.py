@@ -27,7 +27,7 @@ Jnd = Float[np.ndarray, "settings width"]
 
 # Some of those that `Auto` chooses from.
 CELLS = (2000, 5000, 10_000)
-BATCHES = (1, 10, 100, 1000, 10_000, 100_000, 1_000_000)
+BATCHES = (1, 100, 10_000, 1_000_000)
 
 # Of each fidelity this batch is always measured: a fraction of a second.
 _FIRST_EXACT, _FIRST_POOLED = 10, 10_000
