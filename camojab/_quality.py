@@ -43,10 +43,10 @@ def quality(
 
     **Source:** Jindal et al. 2021, Eq. 1.
     """
+    _check_precision(spectrum)
     condition = _condition(
         display, viewing, shading, parameters, formulation, components
     )
-    _check_precision(spectrum)
     return (fidelity or Exact()).quality(spectrum, condition, formulation)
 
 
@@ -88,10 +88,10 @@ def distortion(
 
     **Source:** Jindal et al. 2021, Eq. 2 to 23.
     """
+    _check_precision(spectrum)
     condition = _condition(
         display, viewing, shading, parameters, formulation, components
     )
-    _check_precision(spectrum)
     return (fidelity or Exact()).distortion(spectrum, condition, formulation)
 
 
@@ -116,10 +116,10 @@ def error_estimate(
 
     **Raises:** as `distortion`; `ValueError` under a JAX transformation.
     """
+    _check_precision(spectrum)
     condition = _condition(
         display, viewing, shading, parameters, formulation, components
     )
-    _check_precision(spectrum)
     return fidelity.error_jnd(spectrum, condition, formulation)
 
 
@@ -140,10 +140,10 @@ def choose_fidelity(
 
     **Raises:** as `distortion`; `ValueError` under a JAX transformation.
     """
+    _check_precision(spectrum)
     condition = _condition(
         display, viewing, shading, parameters, formulation, components
     )
-    _check_precision(spectrum)
     return fidelity.choose(spectrum, condition, formulation)
 
 
@@ -194,7 +194,10 @@ def pool(
     """Pool the energies of a texture at one mip level and rate, for `pooled_quality`.
 
     **Arguments:** as `distortion`; the fields of `shading` and `parameters` are scalars
-    here, and `vmap` serves several.
+    here, and `vmap` serves several. With `Exact()`, the default, nothing is lost, and
+    a further display or velocity costs about a tenth of starting from the spectrum.
+
+    **Raises:** `ValueError` if the spectrum is in a precision below single.
     """
     _check_precision(spectrum)
     return _pool(

@@ -17,6 +17,7 @@ from camojab import datasets
 
 TESTS = Path(__file__).parents[1]
 sys.path.insert(0, str(TESTS))
+# It lies in the folder that the line above adds.
 import reference  # noqa: E402
 
 
