@@ -30,31 +30,6 @@ def band(highest: Float[Array, ""]) -> Int[Array, ""]:
     return jnp.where(highest > BANDS[1], 2, jnp.where(highest > BANDS[0], 1, 0))
 
 
-def shifted(spectrum: Float[Array, "n m"], bins: Int[Array, ""]) -> Float[Array, "n m"]:
-    """Row `k` becomes row `k + bins`; zero beyond the edge. `bins` in [-n, n]."""
-    rows = spectrum.shape[0]
-    padded = jnp.pad(spectrum, ((rows, rows), (0, 0)))
-    return jax.lax.dynamic_slice(
-        padded, (bins + rows, jnp.zeros_like(bins)), spectrum.shape
-    )
-
-
-def released_replica(
-    spectrum: Float[Array, "n m"], rate: Float[Array, ""]
-) -> Float[Array, "n m"]:
-    """The spectrum plus one replica, along the rows, cropped to the coarse Nyquist.
-
-    **Source:** the program released with Jindal et al. 2021 (Eq. 11 to 13 there).
-    """
-    samples = jnp.floor(SIZE * rate + 1.5).astype(jnp.int32)
-    # An even number of samples has no centre: the program takes the one after it.
-    off_centre = (samples + 1) % 2
-    k = jnp.arange(-HALF, HALF)
-    kept = jnp.abs(k).astype(rate.dtype) <= rate * HALF
-    both = shifted(spectrum, off_centre) + shifted(spectrum, samples // 2)
-    return jnp.where(kept[:, None], both, 0)
-
-
 def comb(rate: Float[Array, ""], impulses: int) -> Float[Array, "257 513"]:
     """Sampling as a matrix from bins -256..256 to bins 0..256 (Eq. 11 and 12).
 
