@@ -69,3 +69,34 @@ RATES = _describe(
     }
 )
 """The seven rates, always in this order; a rate index anywhere is an index into it."""
+
+
+def nearest_finer(available: tuple[str, ...]) -> Int[np.ndarray, "7"]:
+    """What stands in for each of the seven rates where hardware has only some.
+
+    It is the available rate that is no coarser on either axis and has the largest
+    coarse pixel: no tile is shaded more coarsely than was asked for. Of two as large
+    it is the first in the order of `RATES`.
+
+    **Arguments:**
+
+    - `available`: names of rates, among them 1x1, which all hardware has.
+
+    **Returns:** index of the rate to use in the place of each; its own if available.
+
+    **Raises:** `ValueError` for a name that is no rate, or without 1x1.
+    """
+    return np.array([finest_within(size, available) for size in RATES.size])
+
+
+def finest_within(size: Int[np.ndarray, "2"], available: tuple[str, ...]) -> int:
+    """Index of the largest available rate no wider and no higher than `size` [px]."""
+    unknown = [name for name in available if name not in RATES.names]
+    if unknown or "1x1" not in available:
+        raise ValueError(
+            f"`available` must be 1x1 and others of {', '.join(RATES.names)}, got "
+            f"{', '.join(available) or 'none'}."
+        )
+    usable = [i for i in range(len(RATES)) if RATES.names[i] in available]
+    usable = [i for i in usable if np.all(RATES.size[i] <= size)]
+    return min(usable, key=lambda i: RATES.cost[i])

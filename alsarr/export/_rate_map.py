@@ -1,14 +1,23 @@
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike, Int
+from jaxtyping import ArrayLike, Int, UInt8
 
-from camojab._files import replacing
+from camojab._files import replacing, write_text
 
 from .._rates import RATES
+from ._json import read_object, whole
 
 
-def write_rates_bin(path: str | Path, rate: ArrayLike) -> None:
+TILES = (8, 16, 32)
+_SCHEMA = "alsarr-rate-image/1"
+
+
+def write_rates_bin(
+    path: str | Path, rate: ArrayLike, *, tile: int | None = None
+) -> None:
     """Write a rate map as the bytes of a shading-rate image, one a tile.
 
     Row by row from the top left, without header or padding. The byte is
@@ -20,31 +29,55 @@ def write_rates_bin(path: str | Path, rate: ArrayLike) -> None:
 
     - `rate`: index of the rate of each tile, in the order of `alsarr.RATES`, shape
         `[rows, columns]`.
+    - `tile`: width and height of a tile. [px], 8, 16 or 32. If given, what the bytes
+        do not tell (rows, columns, tile, the codes that occur) is written beside them,
+        as JSON in the file `path` + `.json`.
 
-    **Raises:** `ValueError` if `rate` has another shape or another index.
+    **Raises:** `ValueError` if `rate` has another shape or another index, or for
+    another tile.
 
     **Source:** Microsoft DirectX-Specs, Variable Rate Shading; Vulkan specification,
     Primitive Fragment Shading Rate.
     """
-    codes = RATES.code[_rate_map(rate)]
+    rate = checked_map(rate)
+    codes = RATES.code[rate]
+    about = None if tile is None else _about(rate, check_tile(tile))
     with replacing(path) as temporary:
         temporary.write_bytes(codes.tobytes())
+    if about is not None:
+        write_text(_beside(path), json.dumps(about, indent=1) + "\n")
 
 
 def read_rates_bin(
-    path: str | Path, *, rows: int, columns: int
+    path: str | Path, *, rows: int | None = None, columns: int | None = None
 ) -> Int[np.ndarray, "rows columns"]:
     """Read a rate map that `write_rates_bin` wrote, as indices of rates.
 
+    **Arguments:**
+
+    - `rows`, `columns`: of the map; both, or neither if the JSON beside it tells.
+
     **Raises:** `ValueError` naming the file if it has not `rows * columns` bytes, or a
-    byte that is no code of the seven rates. `FileNotFoundError` if there is none.
+    byte that is no code of the seven rates; likewise for the JSON beside it.
+    `FileNotFoundError` if there is none.
     """
+    if rows is None or columns is None:
+        if rows is not columns:
+            raise ValueError("`rows` and `columns` must be given both, or neither.")
+        rows, columns = _size_beside(path)
     codes = np.frombuffer(Path(path).read_bytes(), np.uint8)
     if codes.size != rows * columns:
         raise ValueError(
             f"{path}: must have {rows} x {columns} = {rows * columns} bytes, "
             f"got {codes.size}."
         )
+    return decoded(codes.reshape(rows, columns), path)
+
+
+def decoded(
+    codes: UInt8[np.ndarray, "rows columns"], path: str | Path
+) -> Int[np.ndarray, "rows columns"]:
+    """Indices of the rates with these codes; `path` is named if one is no code."""
     index = np.full(256, -1)
     index[RATES.code] = np.arange(len(RATES))
     rate = index[codes]
@@ -52,9 +85,43 @@ def read_rates_bin(
         where = int(np.argmax(rate < 0))
         raise ValueError(
             f"{path}: byte {where} must be the code of a shading rate, "
-            f"got 0x{codes[where]:02X}."
+            f"got 0x{codes.flat[where]:02X}."
         )
-    return rate.reshape(rows, columns)
+    return rate
+
+
+def check_tile(tile: int) -> int:
+    if tile not in TILES:
+        raise ValueError(f"`tile` must be 8, 16 or 32 px, got {tile}.")
+    return tile
+
+
+def _beside(path: str | Path) -> Path:
+    return Path(f"{path}.json")
+
+
+def _about(rate: np.ndarray, tile: int) -> dict[str, Any]:
+    present = np.unique(rate)
+    return {
+        "schema": _SCHEMA,
+        "format": "R8_UINT",
+        "rows": rate.shape[0],
+        "columns": rate.shape[1],
+        "tile_px": tile,
+        "origin": "top-left, row by row",
+        "byte": "(log2 width << 2) | log2 height of the coarse pixel",
+        "rates": {RATES.names[i]: int(RATES.code[i]) for i in present},
+    }
+
+
+def _size_beside(path: str | Path) -> tuple[int, int]:
+    beside = _beside(path)
+    about = read_object(beside)
+    if about.get("schema") != _SCHEMA:
+        raise ValueError(
+            f"{beside}: `schema` must be {_SCHEMA!r}, got {about.get('schema')!r}."
+        )
+    return whole(about, "rows", beside), whole(about, "columns", beside)
 
 
 def write_rates_png(path: str | Path, rate: ArrayLike, *, scale: int = 8) -> None:
@@ -76,7 +143,7 @@ def write_rates_png(path: str | Path, rate: ArrayLike, *, scale: int = 8) -> Non
 
     if scale < 1:
         raise ValueError(f"`scale` must be >= 1 px, got {scale}.")
-    rate = _rate_map(rate)
+    rate = checked_map(rate)
     picture = RATES.colour[rate].repeat(scale, axis=0).repeat(scale, axis=1)
     margin, entry, legend = 12, 92, 52
     width = max(picture.shape[1], entry * len(RATES)) + 2 * margin
@@ -119,7 +186,7 @@ def _draw_legend(figure, rate: np.ndarray, width: int, margin: int) -> None:
     )
 
 
-def _rate_map(rate: ArrayLike) -> np.ndarray:
+def checked_map(rate: ArrayLike) -> np.ndarray:
     rate = np.asarray(rate)
     if rate.ndim != 2 or rate.size == 0 or rate.dtype.kind not in "iu":
         raise ValueError(

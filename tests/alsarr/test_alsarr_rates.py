@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from alsarr._rates import RATES, TILE
+from alsarr._rates import nearest_finer, RATES, TILE
 
 
 def test_order_is_width_by_height_of_the_coarse_pixel():
@@ -40,3 +40,26 @@ def test_nothing_can_be_changed():
     for name in ("size", "resolution", "cost", "relative_cost", "colour", "code"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(RATES, name)[0] = 0
+
+
+@pytest.mark.parametrize(
+    "available, expected",
+    [
+        (RATES.names, RATES.names),
+        (("1x1",), ("1x1",) * 7),
+        (("1x1", "2x4", "4x2"), ("2x4", "2x4", "4x2", "1x1", "1x1", "1x1", "1x1")),
+        (("2x1", "1x2", "1x1"), ("1x2", "1x2", "1x2", "1x2", "1x2", "2x1", "1x1")),
+    ],
+)
+def test_nearest_finer(available, expected):
+    found = nearest_finer(available)
+    assert tuple(RATES.names[i] for i in found) == expected
+    assert np.all(RATES.size[found] <= RATES.size)
+
+
+@pytest.mark.parametrize(
+    "available, shown", [(("4x4",), "4x4"), (("1x1", "1x4"), "1x1, 1x4"), ((), "none")]
+)
+def test_nearest_finer_needs_known_rates_and_the_finest(available, shown):
+    with pytest.raises(ValueError, match=f"`available` must be 1x1 .*, got {shown}"):
+        nearest_finer(available)
