@@ -9,7 +9,7 @@ from jaxtyping import Float
 from camojab import datasets, fit, luminance
 
 from ._frame import Frame, frame_from_jindal2021, procedural_frame
-from .tables import AbstractTables, TablesJindal2021
+from .tables import AbstractTables, Scene, TablesJindal2021
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Inputs:
     - `published`: root mean square errors as printed for the same blocks, [JND], as
       text; empty where nothing was printed.
     - `textures`: relative luminance by name, for the tables.
-    - `mip_levels`: that the tables cover.
+    - `scene`: pairs of texture and mip level, and conditions, that the tables cover.
     - `frame`: whose tiles are to be shaded.
     - `tables`: of the frame's own textures, where they are not among `textures`.
     - `ppd` [px/deg] and `refresh_rate` [Hz]: of the display that shows the frame.
@@ -31,7 +31,7 @@ class Inputs:
     observations: fit.Observations
     published: Mapping[str, str]
     textures: Mapping[str, Float[np.ndarray, "rows columns"]]
-    mip_levels: tuple[int, ...]
+    scene: Scene
     frame: Frame
     tables: AbstractTables | None
     ppd: float
@@ -53,13 +53,15 @@ def builtin_inputs(*, ppd: float, refresh_rate: float) -> Inputs:
     """Simulated votes, scikit-image's and drawn textures, and a drawn frame."""
     textures = datasets.builtin_textures()
     frame = procedural_frame(len(textures), rows=68, columns=120, seed=2021)
-    levels = np.unique(np.asarray(frame.mip_level).astype(int))
+    # The tables are to serve the refresh rates that the frame might be shown at too.
+    rates = (min(30.0, refresh_rate), max(120.0, refresh_rate))
+    scene = Scene.of_frames([frame], num_textures=len(textures), refresh_rate=rates)
     return Inputs(
         name="built-in data (simulated votes, drawn frame)",
         observations=fit.simulated(),
         published={},
         textures=textures,
-        mip_levels=tuple(levels.tolist()),
+        scene=scene,
         frame=frame,
         tables=None,
         ppd=ppd,
@@ -81,12 +83,13 @@ def jindal2021_inputs(
         datasets.jindal2021_material_tables(),
     )
     wood = luminance(datasets.jindal2021_sample_texture(), encoding="sRGB")
+    textures = {**datasets.jindal2021_textures(), "wood": wood}
     return Inputs(
         name="jindal2021 (votes, textures and SciFi frame of Jindal et al. 2021)",
         observations=fit.jindal2021(),
         published=_TABLE_5,
-        textures={**datasets.jindal2021_textures(), "wood": wood},
-        mip_levels=tuple(range(12)),
+        textures=textures,
+        scene=Scene.every(len(textures)),
         frame=frame_from_jindal2021(
             motion_x=stored.motion_x,
             motion_y=stored.motion_y,

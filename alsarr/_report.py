@@ -87,10 +87,12 @@ def _fit_text(found: Result) -> Html:
 
 def _tables_text(made: Result) -> Html:
     return text(
-        f"Eq. 31 for {len(made['textures'])} textures ({', '.join(made['textures'])}), "
-        f"mip levels {made['mip_levels'][0]} to {made['mip_levels'][-1]}, seven rates "
-        "and two directions of motion, relative to 4x4. Error against the model on the "
-        f"sampled conditions: largest {made['largest_error_jnd']:.3g} JND, median "
+        f"Polynomials ({made['basis']}) for {len(made['textures'])} textures "
+        f"({', '.join(made['textures'])}), mip levels {made['mip_levels'][0]:g} to "
+        f"{made['mip_levels'][-1]:g} where they occur ({made['pairs']} pairs), 7 "
+        "rates, two directions of motion, relative to 4x4. Error against the "
+        "model under held-out conditions: largest "
+        f"{made['largest_error_jnd']:.3g} JND, median "
         f"{made['median_error_jnd']:.3g} JND."
     )
 

@@ -18,7 +18,15 @@ from ._stages import Result, Stages
 from .export import write_rates_bin, write_rates_png
 from .oracle import TableOracle
 from .solve import greedy_jindal2021
-from .tables import AbstractTables, distil, Grid, load_tables, save_tables
+from .tables import (
+    AbstractTables,
+    distil,
+    Eq31LogTravel,
+    Form,
+    load_tables,
+    sample,
+    save_tables,
+)
 from .tables._file import SCHEMA
 
 
@@ -81,7 +89,8 @@ def run(
             release,
             SCHEMA,
             dict(inputs.textures),
-            inputs.mip_levels,
+            inputs.scene.pairs,
+            inputs.scene.domain,
             inputs.ppd,
             parameters,
         ),
@@ -156,18 +165,22 @@ def _tables(
 ) -> Result:
     # Single precision is exact to 1e-5 JND here and takes a third of the time.
     with jax.enable_x64(False):
-        tables = distil(
+        wide = lambda x: jnp.asarray(x, float)
+        samples = sample(
             {k: Spectrum.from_texture(v) for k, v in inputs.textures.items()},
-            mip_levels=inputs.mip_levels,
+            inputs.scene,
             ppd=inputs.ppd,
-            parameters=jax.tree.map(lambda x: jnp.asarray(x, float), parameters),
-            grid=Grid(),
+            parameters=jax.tree.map(wide, parameters),
             progress=progress,
         )
+        # As cheap as the published form, and a third of its error.
+        tables = distil(samples, Form(Eq31LogTravel()))
         save_tables(out / "tables.json", tables)
     return {
         "textures": list(tables.texture_names),
-        "mip_levels": list(inputs.mip_levels),
+        "mip_levels": list(inputs.scene.mip_levels),
+        "pairs": len(inputs.scene.pairs),
+        "basis": tables.basis.name,
         "largest_error_jnd": float(tables.largest_error),
         "median_error_jnd": float(tables.median_error),
     }

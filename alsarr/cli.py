@@ -12,14 +12,25 @@ from typing import Annotated, Literal, TYPE_CHECKING
 import typer
 
 from camojab import _command as command
+from camojab.cli import Constants, Encoding, Statement
+
+from ._export_command import export
 
 
 if TYPE_CHECKING:
     from ._inputs import Inputs
     from ._run import Outcome
 
+    Context = typer.Context
+else:
+    # What typer passes is of this class, not of the one that it asks to be named.
+    Context = typer.Context.__base__
+
 
 app = typer.Typer(add_completion=False)
+tables_app = typer.Typer(add_completion=False)
+app.add_typer(tables_app, name="tables")
+app.command()(export)
 
 Budget = Annotated[
     float,
@@ -137,6 +148,135 @@ def solve(
         save_choice(output, chosen)
     total = f"{float(chosen.quality):.6g} JND for a cost of {float(chosen.cost):g}"
     print(f"{output}: {chosen.rate.size} tiles, {total}")
+
+
+@tables_app.callback(invoke_without_command=True)
+def tables(
+    context: Context,
+    textures: Annotated[
+        str | None,
+        typer.Option(
+            help="Folder of images or .npy files, in the order of their names that of "
+            "the frames' texture indices; or builtin or jindal2021."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="The file to write, whole: .json or .npz."),
+    ] = None,
+    frames: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="NPZ files of frames (texture, mip_level, velocity_x, velocity_y, "
+            "luminance, a value a tile). Only what occurs in them is distilled; with "
+            "none, 12 levels, 0 to 50 deg/s and 0.1 to 316 cd/m^2."
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help="Largest error that is good enough [JND]: the cheapest form with no "
+            "more is taken, and textures that no rate changes by more are constants."
+        ),
+    ] = None,
+    form: Annotated[
+        Literal["eq31", "eq31-two-step", "eq31-log-travel"] | None,
+        typer.Option(
+            help="Of the polynomials. By default what --tolerance needs, or eq31."
+        ),
+    ] = None,
+    constraint: Annotated[
+        Literal["gain", "monotone"] | None,
+        typer.Option(
+            help="Keep every rate at least as good as the coarsest, or as every "
+            "coarser one."
+        ),
+    ] = None,
+    rates: Annotated[
+        str,
+        typer.Option(
+            help="Rates that the hardware has, with commas between them, or separable "
+            "for a polynomial of each axis alone."
+        ),
+    ] = "4x4,2x4,4x2,2x2,1x2,2x1,1x1",
+    absolute: Annotated[
+        bool,
+        typer.Option(
+            "--absolute", help="The model's own quality, relative to no rate."
+        ),
+    ] = False,
+    ppd: Annotated[
+        float, typer.Option(help="Pixels per degree of the display.")
+    ] = 60.0,
+    persistence: Annotated[
+        float, typer.Option(help="Share of a frame that the display is lit, in (0, 1].")
+    ] = 1.0,
+    refresh_rate: Annotated[
+        tuple[float, float],
+        typer.Option(help="Lowest and highest refresh rate of the display [Hz]."),
+    ] = (30.0, 120.0),
+    formulation: Statement = None,
+    parameters: Constants = None,
+    encoding: Encoding = None,
+    cells: Annotated[
+        int,
+        typer.Option(help="Energies that stand for a texture while it is sampled."),
+    ] = 5000,
+    coordinator: Annotated[
+        str | None,
+        typer.Option(help="HOST:PORT of the first of several processes."),
+    ] = None,
+    processes: Annotated[
+        int, typer.Option(help="With --coordinator: how many processes.")
+    ] = 1,
+    process: Annotated[
+        int, typer.Option(help="With --coordinator: which of them this is, from 0.")
+    ] = 0,
+) -> None:
+    """Distil the model into tables that an engine evaluates; or show such tables.
+
+    An interrupted run goes on where it was when it is started again.
+    """
+    if context.invoked_subcommand is not None:
+        return
+    if textures is None or output is None:
+        missing = "--textures" if textures is None else "--output"
+        raise typer.BadParameter("is needed.", param_hint=f"'{missing}'")
+    with _usable():
+        import jax
+
+        from . import _tables_command as job
+
+        # Single precision misses the model by 1e-4 JND and takes a third of the time.
+        with jax.enable_x64(False), job.processes(coordinator, processes, process):
+            job.make(
+                textures=textures,
+                frames=frames or [],
+                output=output,
+                tolerance=tolerance,
+                form=form,
+                constraint=constraint,
+                rates=rates,
+                absolute=absolute,
+                ppd=ppd,
+                persistence=persistence,
+                refresh_rate=refresh_rate,
+                formulation=formulation,
+                parameters=parameters,
+                encoding=encoding,
+                cells=cells,
+            )
+
+
+@tables_app.command()
+def show(
+    file: Annotated[Path, typer.Argument(help="Tables, .json or .npz.")],
+) -> None:
+    """Print what tables are of, and how far they can be trusted."""
+    with _usable():
+        from ._tables_command import show as job
+
+        job(file)
 
 
 def _print_outcome(inputs: "Inputs", outcome: "Outcome", output: Path) -> None:

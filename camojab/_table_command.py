@@ -52,8 +52,8 @@ def predict(
     _check_output(output)
     with _naming(table):
         check_columns(table.header, required=("texture", *REQUIRED), added=ADDED)
-        constants, statement = _model(formulation, parameters)
-        _check_encoding(encoding)
+        constants, statement = model(formulation, parameters)
+        check_encoding(encoding)
         with _rows(len(table.rows)) as progress:
             added = predictions(
                 table.columns(known()),
@@ -65,13 +65,13 @@ def predict(
                 fidelity=fidelity,
                 progress=progress,
             )
-    model = f"{statement.value}, {constants.report()}"
+    line = f"{statement.value}, {constants.report()}"
     if "beta" in table.header:
-        model += " (but beta of each row)"
+        line += " (but beta of each row)"
     if tolerance:
-        model += f", within {tolerance:g} JND"
+        line += f", within {tolerance:g} JND"
     _write(output, table, added, known())
-    print(f"camojab {release()}, {model}, {_dtype().name}")
+    print(f"camojab {release()}, {line}, {_dtype().name}")
 
 
 def sensitivity(*, table: Path, output: Path) -> None:
@@ -140,7 +140,7 @@ def _naming(table: CsvTable) -> Iterator[None]:
         raise Unusable(*named.splitlines()) from error
 
 
-def _model(name: str | None, file: Path | None) -> tuple[Parameters, Formulation]:
+def model(name: str | None, file: Path | None) -> tuple[Parameters, Formulation]:
     """The constants and the formulation that they belong to."""
     chosen = Formulation(name or "released")
     if file is None:
@@ -157,7 +157,7 @@ def _model(name: str | None, file: Path | None) -> tuple[Parameters, Formulation
     return constants, fitted
 
 
-def _check_encoding(name: str | None) -> None:
+def check_encoding(name: str | None) -> None:
     if name is not None:
         try:
             luminance(np.zeros((1, 1)), encoding=name)

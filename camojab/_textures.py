@@ -53,6 +53,30 @@ def sources(
     return found, problems
 
 
+def folder_textures(
+    folder: Path, encoding: str | None
+) -> dict[str, Float[np.ndarray, "rows columns"]]:
+    """Relative luminance of every image and array of a folder, by name, in its order.
+
+    Names are those of the files without their endings. Hidden files are left out.
+
+    **Raises:** `ValueError` for a folder without files, two files of one name, or one
+    that is no image; `OSError`.
+    """
+    paths = sorted(p for p in folder.iterdir() if p.is_file() and p.name[0] != ".")
+    if not paths:
+        raise ValueError(f"`textures` must be a folder of images, got {folder}, empty.")
+    found = {}
+    for path in paths:
+        if path.stem in found:
+            raise ValueError(f"`textures` must differ in name, got {path.stem} twice.")
+        try:
+            found[path.stem] = grey(_image(path), encoding)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+    return found
+
+
 def _path(name: str, folder: str | Path | None) -> Path:
     for path in (Path(name), Path(folder or "") / name):
         if path.is_file():

@@ -64,6 +64,14 @@ Constants = Annotated[
     ),
 ]
 
+Statement = Annotated[
+    Literal["released", "paper"] | None,
+    typer.Option(
+        help="The authors' program or the equations as printed. By default that "
+        "of --parameters, or else released."
+    ),
+]
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv`, or that of the process; returns the exit status.
@@ -108,13 +116,7 @@ def options(
 def predict(
     conditions: Annotated[Path, typer.Argument(help="CSV file, one condition a row.")],
     output: Output,
-    formulation: Annotated[
-        Literal["released", "paper"] | None,
-        typer.Option(
-            help="The authors' program or the equations as printed. By default that "
-            "of --parameters, or else released."
-        ),
-    ] = None,
+    formulation: Statement = None,
     precision: Precision = "64",
     parameters: Constants = None,
     encoding: Encoding = None,

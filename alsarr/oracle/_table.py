@@ -22,14 +22,18 @@ class TableOracle(AbstractQualityOracle, strict=True):
         **Raises:** also for a texture index that the tables do not hold.
         """
         conditions = self._conditions(frame, refresh_rate)
-        count = self.tables.num_textures
-        rule = f"less than the number of textures in the tables, {count}"
-        texture = check("frame.texture", frame.texture, lambda t: t < count, rule)
-        return self.tables.quality(texture.ravel().astype(int), *conditions)
+        return self.tables.quality(self._texture(frame), *conditions)
 
     def count_outside(self, frame: Frame, refresh_rate: ArrayLike) -> Int[Array, ""]:
         """How many tiles show conditions that the tables were not fitted to."""
-        return jnp.sum(self.tables.outside(*self._conditions(frame, refresh_rate)))
+        conditions = self._conditions(frame, refresh_rate)
+        return jnp.sum(self.tables.outside(self._texture(frame), *conditions))
+
+    def _texture(self, frame: Frame) -> Int[Array, " tiles"]:
+        rule = f"a texture of the tables, which know {self.tables.num_textures}"
+        holds = lambda t: self.tables.holds(t.ravel().astype(int)).reshape(t.shape)
+        texture = check("frame.texture", frame.texture, holds, rule)
+        return texture.ravel().astype(int)
 
     def _conditions(self, frame: Frame, refresh_rate: ArrayLike) -> tuple[Array, ...]:
         rate = check("refresh_rate", refresh_rate, lambda f: f > 0, "> 0 Hz")

@@ -1,6 +1,7 @@
-"""The model sampled for tables: every texture, mip level, rate and direction."""
+"""Samples of the model made into tables, with the cheapest form that is good enough."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -8,159 +9,293 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from camojab import (
-    Display,
-    Formulation,
-    Parameters,
-    pool,
-    pooled_quality,
-    Shading,
-    Spectrum,
-    Viewing,
-)
-
-from .._rates import RATES
-from ._tables import fit_tables, QualityTables
+from ._basis import AbstractBasis, Eq31, Eq31LogTravel, TensorPolynomial
+from ._certificate import Certificate, percentiles
+from ._domain import Conditions, Domain, Grid
+from ._rate_order import Constraint, rate_order
+from ._samples import Samples
+from ._tables import index_entries, QualityTables
 
 
-class Grid(eqx.Module, strict=True):
-    """Conditions that a model is sampled at for tables, the product of three lists.
+class Form(NamedTuple):
+    """What a polynomial is made of.
 
-    The defaults are those of the authors' program (gfxdisp/ALSaRR d06b3e0).
-
-    - `velocity`: [deg/s], >= 0.
-    - `refresh_rate`: [Hz], > 0.
-    - `log10_luminance`: [log10(cd/m^2)].
+    - `basis`: the family it belongs to.
+    - `directions`: `"separate"` ones for motion in x and in y, or one `"shared"` by
+      both, half as many.
     """
 
-    velocity: tuple[float, ...] = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)
-    refresh_rate: tuple[float, ...] = (30.0, 45.0, 60.0, 75.0, 90.0, 105.0, 120.0)
-    log10_luminance: tuple[float, ...] = (-1.0, 1.0, 2.0, 2.5)
+    basis: AbstractBasis
+    directions: Literal["separate", "shared"] = "separate"
 
-    def samples(self) -> tuple[Float[Array, " n"], ...]:
-        """Velocity, refresh rate and log luminance of each sample."""
-        axes = (self.velocity, self.refresh_rate, self.log10_luminance)
-        mesh = np.meshgrid(*axes, indexing="ij")
-        return tuple(jnp.asarray(x.ravel(), float) for x in mesh)
+    @property
+    def cost(self) -> int:
+        """Numbers for one texture, mip level and rate."""
+        return self.basis.num_coefficients * (1 + (self.directions == "separate"))
+
+
+def forms(ppd: float) -> tuple[Form, ...]:
+    """What a tolerance is met with on a display, cheapest first.
+
+    The published form is not among them: it costs as much as the second and is less
+    accurate.
+
+    **Arguments:** `ppd`: of the display. [px/deg], > 0.
+    """
+    tensor = lambda *degrees: TensorPolynomial(degrees, 0.5 / ppd)
+    return (
+        Form(Eq31LogTravel(), "shared"),
+        Form(Eq31LogTravel()),
+        Form(tensor(3, 2, 3), "shared"),
+        Form(tensor(3, 2, 3)),
+        Form(tensor(4, 3, 4), "shared"),
+        Form(tensor(4, 3, 4)),
+        Form(tensor(6, 4, 5)),
+        Form(tensor(8, 6, 5)),
+    )
+
+
+# Where a constraint is kept: conditions beside each other in the dense grid.
+_DENSE = (17, 11, 9)
 
 
 def distil(
-    textures: Mapping[str, Spectrum],
+    samples: Samples,
+    form: Form | Sequence[Form] | None = None,
     *,
-    mip_levels: tuple[float | int, ...],
-    ppd: float,
-    persistence: float = 1.0,
-    parameters: Parameters | None = None,
-    formulation: Formulation = Formulation.RELEASED,
-    grid: Grid | None = None,
-    relative_to: str | None = "4x4",
+    relative_to: str | None = "coarsest",
+    constraint: Constraint | None = None,
+    tolerance_jnd: float | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> QualityTables:
-    """Fit Eq. 31 to the model for every texture, mip level, rate and direction.
+    """Fit polynomials to a sampled model, and certify how far they are from it.
 
     **Arguments:**
 
-    - `textures`: spectra by name, in the order of the frame's texture indices.
-    - `mip_levels`: rising; those that the frames need.
-    - `ppd` [px/deg] and `persistence` [1] of the display that the tables are for.
-    - `parameters`: of the model; the published ones of `formulation` if left out.
-    - `grid`: conditions to sample.
-    - `relative_to`: name of the rate that the others are relative to; `None` for the
-      model's own quality, which `Polynomial` needs.
-    - `progress`: called with the (texture, mip level) pairs done and their number.
+    - `form`: of the polynomials; or several, cheapest first, of which the first that
+      meets the tolerance is taken, and the most accurate if none does. Left out, Eq. 31
+      with separate directions; with a tolerance, `forms(samples.ppd)`.
+    - `relative_to`: name of the rate whose quality is 0, the coarsest of all unless
+      another is named; `None` for the model's own quality, which `Polynomial` needs.
+    - `constraint`: what is kept on a dense grid over the domain (`Grid.over` with 17
+      velocities, 11 refresh rates and 9 luminances).
+    - `tolerance_jnd`: the largest error that is good enough, > 0. A texture whose
+      quality no rate and no condition changes by more becomes one constant.
+    - `progress`: called with the forms tried and their number.
 
-    **Returns:** tables of quality with their errors on the sampled conditions.
+    **Returns:** tables in one form, with their `certificate`; `meets` says whether the
+    tolerance is met.
 
-    **Raises:** `ValueError` if there is no texture, no rising list of mip levels, or no
-    rate of that name; as
-    `Display` and `Shading`.
+    **Raises:** `ValueError` for a tolerance out of range, an unknown rate, several
+    forms without a tolerance, or a constraint that does not go with the reference.
 
     **Source:** Jindal et al. 2021, Eq. 28, 29 and 31.
     """
-    if not textures:
-        raise ValueError("`textures` must have at least one texture, got none.")
-    if not mip_levels or sorted(set(mip_levels)) != list(mip_levels):
-        raise ValueError(f"`mip_levels` must be one or more, rising, got {mip_levels}.")
-    if relative_to not in (*RATES.names, None):
+    relative_to = check_request(samples.rates, relative_to, constraint, tolerance_jnd)
+    given = _given(form, tolerance_jnd, samples.ppd)
+    target = _Target.of(samples, relative_to, constraint)
+    flat = _flat_textures(target, tolerance_jnd)
+    varied = np.array([t not in flat for t, _ in samples.scene.pairs])
+    best = None
+    for tried, one in enumerate(given):
+        progress(tried, len(given))
+        found = _fitted(one, target, varied)
+        if best is None or found.largest < best.largest:
+            best = found
+        if tolerance_jnd is None or best.largest <= tolerance_jnd:
+            break
+    progress(len(given), len(given))
+    assert best is not None
+    return _tables(best, target, flat, tolerance_jnd)
+
+
+def check_request(
+    rates: tuple[str, ...],
+    relative_to: str | None,
+    constraint: Constraint | None,
+    tolerance_jnd: float | None,
+) -> str | None:
+    """Fail for what `distil` cannot do, before any work; returns the reference's name.
+
+    **Raises:** as `distil`.
+    """
+    if tolerance_jnd is not None and not tolerance_jnd > 0:
+        raise ValueError(f"`tolerance_jnd` must be > 0 JND, got {tolerance_jnd:g}.")
+    reference = rates[0] if relative_to == "coarsest" else relative_to
+    if reference not in (*rates, None):
         raise ValueError(
-            f"`relative_to` must be one of {', '.join(RATES.names)} or None, got "
-            f"{relative_to!r}."
+            f"`relative_to` must be one of {', '.join(rates)} or None, got "
+            f"{reference!r}."
         )
-    parameters = parameters or Parameters.published(formulation)
-    velocity, refresh_rate, log10_luminance = (grid or Grid()).samples()
-    display = Display(
-        ppd=ppd,
-        refresh_rate=refresh_rate,
-        luminance=10.0**log10_luminance,
-        persistence=persistence,
-    )
-    viewing = Viewing(velocity)
-    total = len(textures) * len(mip_levels)
-    sampled = []
-    for spectrum in textures.values():
-        for level in mip_levels:
-            progress(len(sampled), total)
-            both = (
-                _at_rates(s, rates, level, display, viewing, parameters, formulation)
-                for s, rates in (
-                    (spectrum, RATES.resolution),
-                    (spectrum.transposed(), RATES.resolution[:, ::-1]),
-                )
-            )
-            sampled.append(jnp.stack(list(both), axis=1))
-    progress(total, total)
-    shape = (len(textures), len(mip_levels), len(RATES), 2, velocity.size)
-    quality = jnp.stack(sampled).reshape(shape)
-    if relative_to is not None:
-        at = RATES.names.index(relative_to)
-        quality = quality - quality[:, :, at : at + 1]
-    return fit_tables(
-        velocity,
-        refresh_rate,
-        log10_luminance,
-        quality,
-        mip_levels=mip_levels,
-        texture_names=tuple(textures),
-        model=_model_line(display, parameters, formulation),
-        relative_to=relative_to,
-    )
+    if constraint is not None:
+        rate_order(constraint, rates, reference)
+    return reference
 
 
-def _at_rates(
-    spectrum: Spectrum,
-    resolution: np.ndarray,
-    mip_level: float | int,
-    display: Display,
-    viewing: Viewing,
-    parameters: Parameters,
-    formulation: Formulation,
-) -> Float[Array, "7 n"]:
-    """Quality of every rate under every condition. [JND]."""
-    shading = Shading(
-        rate_x=resolution[:, 0],
-        rate_y=resolution[:, 1],
-        mip_level=np.full(len(RATES), float(mip_level)),
-    )
-    return _sample(spectrum, shading, display, viewing, parameters, formulation)
+def _given(
+    form: Form | Sequence[Form] | None, tolerance_jnd: float | None, ppd: float
+) -> Sequence[Form]:
+    if form is None:
+        return (Form(Eq31()),) if tolerance_jnd is None else forms(ppd)
+    several = (form,) if isinstance(form, Form) else tuple(form)
+    if not several or (len(several) > 1 and tolerance_jnd is None):
+        raise ValueError(
+            f"`form` must be one without a tolerance, got {len(several)} forms."
+        )
+    return several
+
+
+class _Target(NamedTuple):
+    """Qualities to reproduce, relative to their reference. [JND]."""
+
+    samples: Samples
+    relative_to: str | None
+    constraint: Constraint | None
+    fitted: Float[np.ndarray, "pairs rates 2 grid"]
+    tried: Float[np.ndarray, "pairs rates 2 sample"]
+
+    @classmethod
+    def of(
+        cls, samples: Samples, relative_to: str | None, constraint: Constraint | None
+    ) -> "_Target":
+        quality, rates = samples.quality, samples.rates
+        if relative_to is not None:
+            at = rates.index(relative_to)
+            quality = quality - quality[:, at : at + 1]
+        chosen = samples.grid.velocity.size
+        fitted, tried = quality[..., :chosen], quality[..., chosen:]
+        return cls(samples, relative_to, constraint, fitted, tried)
+
+    @property
+    def free(self) -> list[int]:
+        """The rates that are not 0 by definition."""
+        return [i for i, r in enumerate(self.samples.rates) if r != self.relative_to]
+
+
+class _Fitted(NamedTuple):
+    form: Form
+    coefficients: Float[np.ndarray, "varied rates directions c"]
+    error: Float[np.ndarray, "varied rates directions sample"]
+    largest: float
+
+
+def _flat_textures(target: _Target, tolerance_jnd: float | None) -> dict[int, float]:
+    """Textures that one number stands for within the tolerance, and that number."""
+    if tolerance_jnd is None:
+        return {}
+    every = np.concatenate([target.fitted, target.tried], axis=-1)
+    of = np.array([texture for texture, _ in target.samples.scene.pairs])
+    flat = {}
+    for texture in np.unique(of).tolist():
+        low, high = every[of == texture].min(), every[of == texture].max()
+        middle = 0.0 if target.relative_to is not None else float(low + high) / 2
+        if max(high - middle, middle - low) <= tolerance_jnd:
+            flat[texture] = middle
+    return flat
+
+
+def _fitted(form: Form, target: _Target, varied: np.ndarray) -> _Fitted:
+    """One form fitted to all textures that are not flat."""
+    basis, samples = form.basis, target.samples
+    chosen = jnp.asarray(target.fitted[varied][:, target.free], float)
+    if form.directions == "shared":
+        # The same conditions twice: fitting both is fitting their mean.
+        chosen = jnp.mean(chosen, axis=2, keepdims=True)
+    pairs, rates, directions, n = chosen.shape
+    shape = (pairs, len(samples.rates), directions, basis.num_coefficients)
+    coefficients = np.zeros(shape, chosen.dtype)
+    if pairs:
+        coefficients[:, target.free] = _least_squares(basis, target, chosen)
+    error = _errors(basis, target, coefficients, target.tried[varied])
+    largest = float(error.max(initial=0.0))
+    return _Fitted(form, coefficients, error, largest)
+
+
+def _least_squares(
+    basis: AbstractBasis, target: _Target, chosen: Float[Array, "pairs rates ways n"]
+) -> Float[np.ndarray, "pairs rates ways c"]:
+    samples, domain = target.samples, target.samples.scene.domain
+    pairs, rates, ways, n = chosen.shape
+    if target.constraint is None:
+        flat = basis.fit(samples.grid, chosen.reshape(-1, n), domain)
+        return np.asarray(flat).reshape(pairs, rates, ways, -1)
+    order = rate_order(target.constraint, samples.rates, target.relative_to)
+    dense = Grid.over(domain, _DENSE).conditions()
+    together = jnp.moveaxis(chosen, 2, 1).reshape(-1, rates, n)
+    found = basis.fit_ordered(samples.grid, together, domain, dense, order)
+    return np.moveaxis(np.asarray(found).reshape(pairs, ways, rates, -1), 1, 2)
+
+
+def _errors(
+    basis: AbstractBasis,
+    target: _Target,
+    coefficients: Float[np.ndarray, "pairs rates ways c"],
+    quality: Float[np.ndarray, "pairs rates 2 sample"],
+) -> Float[np.ndarray, "pairs rates ways errors"]:
+    """Of every polynomial under the held-out conditions; of a shared one, of both."""
+    at, domain = target.samples.held_out, target.samples.scene.domain
+    arrays = jnp.asarray(coefficients), jnp.asarray(quality, float)
+    error = np.asarray(_apart(basis, *arrays, at, domain))
+    pairs, rates, ways, _ = coefficients.shape
+    return error.reshape(pairs, rates, ways, 2 // ways * at.velocity.size)
 
 
 @eqx.filter_jit
-def _sample(
-    spectrum: Spectrum,
-    shading: Shading,
-    display: Display,
-    viewing: Viewing,
-    parameters: Parameters,
-    formulation: Formulation,
-) -> Float[Array, "7 n"]:
-    def one(rate: Shading) -> Float[Array, " n"]:
-        pooled = pool(spectrum, rate, parameters, formulation=formulation)
-        return pooled_quality(pooled, display, viewing)
-
-    return jax.lax.map(one, shading)
+def _apart(
+    basis: AbstractBasis,
+    coefficients: Float[Array, "pairs rates ways c"],
+    quality: Float[Array, "pairs rates 2 sample"],
+    at: Conditions,
+    domain: Domain,
+) -> Float[Array, "pairs rates 2 sample"]:
+    everywhere = Conditions(*(x[None, None] for x in at))
+    of = lambda c: basis.evaluate(c[:, :, None], everywhere, domain)
+    return jnp.abs(jax.lax.map(of, coefficients) - quality)
 
 
-def _model_line(
-    display: Display, parameters: Parameters, formulation: Formulation
-) -> str:
-    return f"camojab {formulation.value}; {display.report()}; {parameters.report()}"
+def _tables(
+    found: _Fitted, target: _Target, flat: dict[int, float], tolerance_jnd: float | None
+) -> QualityTables:
+    samples, basis = target.samples, found.form.basis
+    rates, ways = found.coefficients.shape[1:3]
+    coefficients, errors = [*found.coefficients], [*percentiles(found.error)]
+    of = np.array([texture for texture, _ in samples.scene.pairs])
+    for texture, value in flat.items():
+        record = np.asarray(basis.constant(value))
+        coefficients.append(np.broadcast_to(record, (rates, ways, record.size)))
+        apart = np.abs(target.tried[of == texture] - np.float32(value))
+        errors.append(percentiles(np.moveaxis(apart, 0, -1).reshape(rates, ways, -1)))
+    owners: list[tuple[int, tuple[float, ...]]] = [
+        (t, (level,)) for t, level in samples.scene.pairs if t not in flat
+    ]
+    for texture in flat:
+        own = [level for t, level in samples.scene.pairs if t == texture]
+        owners.append((texture, tuple(own)))
+    levels = samples.scene.mip_levels
+    entry, occurs = index_entries(samples.scene.num_textures, levels, owners)
+    largest, percentile_99, median = np.moveaxis(np.stack(errors), -1, 0)
+    every = [found.error[:, target.free].ravel()]
+    for texture, value in flat.items():
+        free = target.tried[of == texture][:, target.free]
+        every.append(np.abs(free - np.float32(value)).ravel())
+    return QualityTables(
+        coefficients=np.stack(coefficients),
+        entry=entry,
+        occurs=occurs,
+        constant=np.arange(len(coefficients)) >= len(found.coefficients),
+        mip_levels=levels,
+        domain=samples.scene.domain,
+        certificate=Certificate(
+            largest=largest,
+            percentile_99=percentile_99,
+            median=median,
+            overall=percentiles(np.concatenate(every)),
+            sample=samples.held_out,
+        ),
+        basis=basis,
+        rates=samples.rates,
+        texture_names=samples.texture_names,
+        model=samples.model,
+        relative_to=target.relative_to,
+        tolerance_jnd=tolerance_jnd,
+    )

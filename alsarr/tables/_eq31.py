@@ -1,9 +1,14 @@
+"""Eq. 31 of the paper: its value, and its least squares."""
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from camojab._errors import check
+
+from ._orthonormal import Orthonormal, orthonormal
 
 
 def evaluate_eq31(
@@ -121,59 +126,110 @@ def _fit(
     *,
     max_rounds: int,
 ) -> Eq31Fit:
-    v, v_scale = _to_unit(velocity)
-    f, f_scale = _to_unit(refresh_rate)
-    level, level_scale = _to_unit(log10_luminance)
-    one = jnp.ones_like(v)
-    motion = _orthonormal(jnp.stack([one, v, f, v * v, v * f, f * f], axis=1))
-    light = _orthonormal(jnp.stack([level**3, level**2, level, one], axis=1))
-
+    factors = Factors.over(velocity, refresh_rate, log10_luminance)
     size = jnp.max(jnp.abs(quality))
     size = jnp.where(size > 0, size, 1)
+    motion, light = factors.motion, factors.light
     a, b, converged, rounds = _alternate(motion, light, quality / size, max_rounds)
-
-    w_motion = _motion_in_plain_units(motion.to_monomials @ a * size, v_scale, f_scale)
-    w_light = _light_in_plain_units(light.to_monomials @ b, level_scale)
-    factor = light.values @ b
-    peak = factor[jnp.argmax(jnp.abs(factor))]
-    some = jnp.any(a != 0)
-    peak = jnp.where(some, peak, 1)
-    w = jnp.concatenate([w_motion * peak, jnp.where(some, w_light / peak, 0)])
-
+    w = factors.in_plain_units(a * size, b)
     error = jnp.abs(
         evaluate_eq31(w[None], velocity, refresh_rate, log10_luminance) - quality
     )
     return Eq31Fit(w, jnp.max(error), jnp.median(error), converged, rounds)
 
 
-class _Basis(eqx.Module, strict=True):
-    """Orthonormal combinations of monomials over the samples.
+class Factors(eqx.Module, strict=True):
+    """Both factors of Eq. 31 in bases that are orthonormal over some samples."""
 
-    Directions that the samples do not determine are zero columns in both arrays and 0
-    in `determined`.
+    motion: Orthonormal
+    light: Orthonormal
+    scales: tuple[Float[Array, "2"], ...]
+
+    @classmethod
+    def over(
+        cls,
+        velocity: Float[Array, " n"],
+        refresh_rate: Float[Array, " n"],
+        log10_luminance: Float[Array, " n"],
+    ) -> "Factors":
+        scales = tuple(map(_centre_and_half, (velocity, refresh_rate, log10_luminance)))
+        monomials = _monomials(velocity, refresh_rate, log10_luminance, scales)
+        motion, light = map(orthonormal, monomials)
+        return cls(motion, light, scales)
+
+    def values(
+        self,
+        velocity: Float[Array, " n"],
+        refresh_rate: Float[Array, " n"],
+        log10_luminance: Float[Array, " n"],
+    ) -> tuple[Float[Array, "n 6"], Float[Array, "n 4"]]:
+        """The bases of both factors at any conditions."""
+        motion, light = _monomials(velocity, refresh_rate, log10_luminance, self.scales)
+        return motion @ self.motion.to_monomials, light @ self.light.to_monomials
+
+    def in_plain_units(
+        self, a: Float[Array, "6"], b: Float[Array, "4"]
+    ) -> Float[Array, "10"]:
+        """$W_0$ to $W_9$; the second factor's largest value over the samples is 1."""
+        v, f, level = self.scales
+        w_motion = _motion_in_plain_units(self.motion.to_monomials @ a, v, f)
+        w_light = _light_in_plain_units(self.light.to_monomials @ b, level)
+        factor = self.light.values @ b
+        peak = factor[jnp.argmax(jnp.abs(factor))]
+        some = jnp.any(a != 0) & (peak != 0)
+        peak = jnp.where(some, peak, 1)
+        return jnp.concatenate([w_motion * peak, jnp.where(some, w_light / peak, 0)])
+
+
+def fit_two_steps(
+    velocity: Float[Array, " n"],
+    refresh_rate: Float[Array, " n"],
+    log10_luminance: Float[Array, " n"],
+    quality: Float[Array, "tables n"],
+) -> Float[Array, "tables 10"]:
+    """The authors' way to fit Eq. 31: one factor after the other.
+
+    The first is fitted at the highest luminance alone; the second, a share of the
+    first, at the lowest velocity and the refresh rate nearest to 105 Hz alone.
+
+    **Source:** ALSaRR/fit_polynomials of gfxdisp/ALSaRR at d06b3e0.
     """
+    v, f, level = map(np.asarray, (velocity, refresh_rate, log10_luminance))
+    bright = level == level.max()
+    middle = f[np.abs(f - 105.0).argmin()]
+    still = (v == v.min()) & (f == middle)
+    scales = tuple(map(_centre_and_half, (velocity, refresh_rate, log10_luminance)))
+    motion, light = _monomials(velocity, refresh_rate, log10_luminance, scales)
+    surface, share = orthonormal(motion[bright]), orthonormal(light[still])
 
-    values: Float[Array, "n terms"]
-    to_monomials: Float[Array, "terms terms"]
-    determined: Float[Array, " terms"]
+    def one(q: Float[Array, " n"]) -> Float[Array, "10"]:
+        a = surface.to_monomials @ (surface.values.T @ q[bright])
+        at_rest = (motion[still] @ a)[0]
+        some = at_rest != 0
+        ratio = jnp.where(some, q[still] / jnp.where(some, at_rest, 1), 0)
+        b = share.to_monomials @ (share.values.T @ ratio)
+        plain = _motion_in_plain_units(a, scales[0], scales[1])
+        return jnp.concatenate([plain, _light_in_plain_units(b, scales[2])])
+
+    return jax.vmap(one)(quality)
 
 
-def _orthonormal(monomials: Float[Array, "n terms"]) -> _Basis:
-    n, terms = monomials.shape
-    if n < terms:
-        monomials = jnp.pad(monomials, ((0, terms - n), (0, 0)))
-    u, s, vt = jnp.linalg.svd(monomials, full_matrices=False)
-    cut = s[0] * max(n, terms) * jnp.finfo(s.dtype).eps
-    determined = s > cut
-    values = jnp.where(determined[None, :], u[:n], 0)
-    to_monomials = (
-        jnp.where(determined, 1 / jnp.where(determined, s, 1), 0)[None] * vt.T
-    )
-    return _Basis(values, to_monomials, determined.astype(s.dtype))
+def _monomials(
+    velocity: Float[Array, " n"],
+    refresh_rate: Float[Array, " n"],
+    log10_luminance: Float[Array, " n"],
+    scales: tuple[Float[Array, "2"], ...],
+) -> tuple[Float[Array, "n 6"], Float[Array, "n 4"]]:
+    """Of variables scaled to [-1, 1]."""
+    axes = zip((velocity, refresh_rate, log10_luminance), scales, strict=True)
+    v, f, level = ((x - scale[0]) / scale[1] for x, scale in axes)
+    one = jnp.ones_like(v)
+    motion = jnp.stack([one, v, f, v * v, v * f, f * f], axis=1)
+    return motion, jnp.stack([level**3, level**2, level, one], axis=1)
 
 
 def _alternate(
-    motion: _Basis, light: _Basis, target: Float[Array, " n"], max_rounds: int
+    motion: Orthonormal, light: Orthonormal, target: Float[Array, " n"], max_rounds: int
 ) -> tuple[Float[Array, "6"], Float[Array, "4"], Bool[Array, ""], Int[Array, ""]]:
     """Coefficients of the two factors whose product comes closest to `target`."""
     pairs = motion.values[:, :, None] * light.values[:, None, :]
@@ -206,7 +262,9 @@ def _alternate(
 
 
 def _solve(
-    normal: Float[Array, "terms terms"], right: Float[Array, " terms"], basis: _Basis
+    normal: Float[Array, "terms terms"],
+    right: Float[Array, " terms"],
+    basis: Orthonormal,
 ) -> Float[Array, " terms"]:
     """Normal equations, with 0 for what the samples do not determine."""
     scale = jnp.trace(normal)
@@ -215,12 +273,11 @@ def _solve(
     return jnp.linalg.solve(normal + jnp.diag(ridge), right)
 
 
-def _to_unit(x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "2"]]:
-    """`x` mapped onto [-1, 1], with the centre and half-width that were taken out."""
+def _centre_and_half(x: Float[Array, " n"]) -> Float[Array, "2"]:
+    """What maps `x` onto [-1, 1]: its centre and half its width."""
     low, high = jnp.min(x), jnp.max(x)
-    centre, half = (low + high) / 2, (high - low) / 2
-    half = jnp.where(half > 0, half, 1)
-    return (x - centre) / half, jnp.stack([centre, half])
+    half = (high - low) / 2
+    return jnp.stack([(low + high) / 2, jnp.where(half > 0, half, 1)])
 
 
 def _motion_in_plain_units(

@@ -52,6 +52,10 @@ class TablesJindal2021(AbstractTables, strict=True):
     def dtype(self) -> jnp.dtype:
         return self.coefficients.dtype
 
+    def holds(self, texture: Int[Array, " tiles"]) -> Bool[Array, " tiles"]:
+        """See `AbstractTables.holds`."""
+        return texture < self.num_textures
+
     def quality(
         self,
         texture: Int[Array, " tiles"],
@@ -76,6 +80,7 @@ class TablesJindal2021(AbstractTables, strict=True):
 
     def outside(
         self,
+        texture: Int[Array, " tiles"],
         mip_level: Float[Array, " tiles"],
         velocity_x: Float[Array, " tiles"],
         velocity_y: Float[Array, " tiles"],
@@ -83,6 +88,7 @@ class TablesJindal2021(AbstractTables, strict=True):
         refresh_rate: Float[Array, ""],
     ) -> Bool[Array, " tiles"]:
         """See `AbstractTables.outside`. The qualities of these tiles extrapolate."""
+        del texture
         return (
             (mip_level > _LAST_LEVEL)
             | (velocity_x > 50)

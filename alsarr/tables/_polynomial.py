@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -20,7 +21,7 @@ from camojab._errors import check
 from camojab._fidelity import SAFETY
 
 from .._rates import RATES
-from ._eq31 import evaluate_eq31
+from ._domain import Conditions
 from ._tables import QualityTables
 
 
@@ -37,7 +38,8 @@ class Polynomial(eqx.Module, AbstractFidelity):
     - `tables`: of the model's own quality (`relative_to` is `None`).
     - `texture`: the name of one of their textures.
 
-    **Raises:** `ValueError` for tables relative to a rate, or an unknown texture; when
+    **Raises:** `ValueError` for tables relative to a rate or without some rate, and for
+    a texture that is unknown or has no polynomials; when
     used, for a shading rate that is none of `alsarr.RATES`.
     """
 
@@ -55,6 +57,16 @@ class Polynomial(eqx.Module, AbstractFidelity):
                 f"`texture` must be one of {', '.join(tables.texture_names)}, got "
                 f"{texture!r}."
             )
+        if _is_absent(tables, texture):
+            raise ValueError(
+                f"`texture` must be one that the tables have polynomials of, got "
+                f"{texture!r}."
+            )
+        if tables.rates != RATES.names:
+            raise ValueError(
+                f"`tables` must have the rates {', '.join(RATES.names)}, got "
+                f"{', '.join(tables.rates)}."
+            )
         self.tables = tables
         self.texture = texture
 
@@ -64,19 +76,21 @@ class Polynomial(eqx.Module, AbstractFidelity):
         """Quality of motion along x. [JND]. The spectrum is not looked at."""
         del spectrum, formulation
         tables, c, shape = self.tables, condition, common_shape(condition)
-        clipped = lambda x, ends: jnp.clip(
+        within = lambda x, ends: jnp.clip(
             jnp.broadcast_to(x, shape).astype(tables.dtype), *ends
         )
         domain = tables.domain
-        light = clipped(c.display.luminance, 10**domain.log10_luminance)
-        return evaluate_eq31(
-            jnp.broadcast_to(self._coefficients(c.shading), (*shape, 10)),
-            clipped(c.viewing.velocity, domain.velocity),
-            clipped(c.display.refresh_rate, domain.refresh_rate),
+        light = within(c.display.luminance, domain.luminance)
+        at = Conditions(
+            within(c.viewing.velocity, domain.velocity),
+            within(c.display.refresh_rate, domain.refresh_rate),
             jnp.log10(light),
         )
+        coefficients = self._coefficients(c.shading)
+        whole = (*shape, coefficients.shape[-1])
+        return tables.basis.evaluate(jnp.broadcast_to(coefficients, whole), at, domain)
 
-    def _coefficients(self, s: Shading) -> Float[Array, "*shading 10"]:
+    def _coefficients(self, s: Shading) -> Float[Array, "*shading c"]:
         """Of every rate and mip level, in their own shape."""
         tables = self.tables
         fields = (s.rate_x, s.rate_y, s.mip_level)
@@ -84,10 +98,10 @@ class Polynomial(eqx.Module, AbstractFidelity):
         rate_x, rate_y, level = (
             jnp.broadcast_to(x, shape).astype(tables.dtype).ravel() for x in fields
         )
-        nearest = jnp.argmin(jnp.abs(tables.mip_levels[:, None] - level[None]), axis=0)
-        texture = tables.texture_names.index(self.texture)
-        found = tables.coefficients[texture, nearest, _rate(rate_x, rate_y), 0]
-        return found.reshape(*shape, 10)
+        of_all = tables.polynomial(self.texture, level)[:, :, 0]
+        rate = _rate(rate_x, rate_y)
+        found = jnp.take_along_axis(of_all, rate[:, None, None], axis=1)
+        return found.reshape(*shape, -1)
 
     def distortion(
         self, spectrum: Spectrum, condition: Condition, formulation: Formulation
@@ -108,6 +122,14 @@ class Polynomial(eqx.Module, AbstractFidelity):
         theirs = model.quality(spectrum, some, formulation)
         error = jnp.max(jnp.abs(ours - theirs.astype(ours.dtype)), initial=0.0)
         return SAFETY * float(error) + model.error_jnd(spectrum, some, formulation)
+
+
+def _is_absent(tables: QualityTables, texture: str) -> bool:
+    """Whether no polynomials were made of a texture; inside a transformation, no."""
+    entry = tables.entry
+    if isinstance(entry, jax.core.Tracer):
+        return False
+    return bool(np.asarray(entry)[tables.texture_names.index(texture), 0] < 0)
 
 
 def _rate(rate_x: Float[Array, " n"], rate_y: Float[Array, " n"]) -> Array:

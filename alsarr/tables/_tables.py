@@ -1,13 +1,18 @@
+"""Tables of polynomials, and how a tile is looked up in them."""
+
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .._rates import RATES
-from ._eq31 import evaluate_eq31, fit_eq31
+from .._rates import nearest_finer, RATES
+from ._basis import AbstractBasis
+from ._certificate import Certificate
+from ._domain import clipped, Conditions, Domain
+from ._rate_order import check_rates, SIDES
 
 
 class AbstractTables(eqx.Module, strict=True):
@@ -36,6 +41,10 @@ class AbstractTables(eqx.Module, strict=True):
         """Floating dtype of the coefficients, and so of the qualities."""
 
     @abstractmethod
+    def holds(self, texture: Int[Array, " tiles"]) -> Bool[Array, " tiles"]:
+        """Whether there are polynomials of a texture. Any index >= 0."""
+
+    @abstractmethod
     def quality(
         self,
         texture: Int[Array, " tiles"],
@@ -50,6 +59,7 @@ class AbstractTables(eqx.Module, strict=True):
     @abstractmethod
     def outside(
         self,
+        texture: Int[Array, " tiles"],
         mip_level: Float[Array, " tiles"],
         velocity_x: Float[Array, " tiles"],
         velocity_y: Float[Array, " tiles"],
@@ -59,110 +69,161 @@ class AbstractTables(eqx.Module, strict=True):
         """Whether the tables were not fitted to such conditions."""
 
 
-_Ends = tuple[float | int, float | int]
-
-
-class Domain(eqx.Module, strict=True):
-    """Lowest and highest condition that polynomials were fitted to.
-
-    - `velocity`: [deg/s].
-    - `refresh_rate`: [Hz].
-    - `log10_luminance`: [log10(cd/m^2)].
-    """
-
-    velocity: Float[Array, "2"]
-    refresh_rate: Float[Array, "2"]
-    log10_luminance: Float[Array, "2"]
-
-    def __init__(
-        self,
-        *,
-        velocity: ArrayLike | _Ends,
-        refresh_rate: ArrayLike | _Ends,
-        log10_luminance: ArrayLike | _Ends,
-    ):
-        dtype = jnp.result_type(float)
-        self.velocity = jnp.asarray(velocity, dtype)
-        self.refresh_rate = jnp.asarray(refresh_rate, dtype)
-        self.log10_luminance = jnp.asarray(log10_luminance, dtype)
-
-
 class QualityTables(AbstractTables, strict=True):
-    """Eq. 31 for every texture, mip level, shading rate and direction of motion.
+    """A polynomial for every texture, mip level, shading rate and direction of motion.
 
     Direction 0 is motion in x over the texture as it is; direction 1 is motion in y,
     that is motion in x over the transposed texture with the sides of the coarse pixel
-    swapped (Eq. 28). The quality of a tile is the mean of both (Eq. 29), relative to
-    shading the same texture under the same condition at the rate `relative_to`.
+    swapped (Eq. 28); where there is one direction it stands for both. The quality of a
+    tile is the mean of both (Eq. 29), relative to shading the same texture under the
+    same condition at the rate `relative_to`. A rate that is not in `rates` has the
+    quality of the nearest finer one.
 
-    Conditions outside `domain`, and mip levels outside `mip_levels`, are moved to its
-    edge; `outside` tells which.
+    Conditions outside `domain` are moved to its edge, and a pair of texture and mip
+    level that does not occur becomes the nearest level of the texture that does;
+    `outside` tells which.
 
-    - `coefficients`: $W_0$ to $W_9$ in the units of `evaluate_eq31`.
-    - `mip_levels`: the levels of the second axis, rising. [octaves]
-    - `domain`: the conditions that were fitted.
-    - `largest_error`, `median_error`: of the absolute errors against the model, over
-        all fitted conditions of every rate but 4x4. [JND]
+    - `coefficients`: of each entry, in the units of `basis`.
+    - `entry`: of each texture at each of `mip_levels`, as an index into the entries; -1
+      for all levels of a texture that does not occur.
+    - `occurs`: whether an entry was made for that pair itself.
+    - `constant`: whether an entry is one number for all rates and conditions.
+    - `mip_levels`: the levels of the second axis of `entry`, rising. [octaves]
+    - `domain`: the conditions that the tables are good for.
+    - `certificate`: of their errors.
+    - `basis`: that the polynomials belong to.
+    - `rates`: some of `alsarr.RATES`, or the coarse pixel's side along the motion,
+      `("4", "2", "1")`, for separable tables.
     - `texture_names`: one name a texture.
     - `model`: one line that says which model and display the qualities come from.
     - `relative_to`: name of the rate whose quality is 0; `None` where qualities are the
       model's own.
+    - `tolerance_jnd`: that was asked for; `None` where none was. See `meets`.
 
-    **Raises:** `ValueError` if the shape of the coefficients does not match the names
-    and levels, or the levels do not rise.
+    **Raises:** `ValueError` if shapes do not match the names, levels and rates, if the
+    levels do not rise, or an entry is out of range.
 
     **Source:** Jindal et al. (2021), ACM Trans. Graph. 40(6), Eqs. 28, 29 and 31.
     """
 
-    coefficients: Float[Array, "textures mips 7 2 10"]
+    coefficients: Float[Array, "entries rates directions coefficients"]
+    entry: Int[Array, "textures mips"]
+    occurs: Bool[Array, "textures mips"]
+    constant: Bool[Array, " entries"]
     mip_levels: Float[Array, " mips"]
     domain: Domain
-    largest_error: Float[Array, ""]
-    median_error: Float[Array, ""]
+    certificate: Certificate
+    basis: AbstractBasis
+    rates: tuple[str, ...] = eqx.field(static=True)
     texture_names: tuple[str, ...] = eqx.field(static=True)
     model: str = eqx.field(static=True)
     relative_to: str | None = eqx.field(static=True)
+    tolerance_jnd: float | None = eqx.field(static=True)
 
     def __init__(
         self,
         *,
         coefficients: ArrayLike,
+        entry: ArrayLike,
+        occurs: ArrayLike,
+        constant: ArrayLike,
         mip_levels: tuple[float | int, ...],
         domain: Domain,
-        largest_error: ArrayLike,
-        median_error: ArrayLike,
+        certificate: Certificate,
+        basis: AbstractBasis,
         texture_names: tuple[str, ...],
         model: str,
+        rates: tuple[str, ...] = RATES.names,
         relative_to: str | None = "4x4",
+        tolerance_jnd: float | None = None,
     ):
         dtype = jnp.result_type(float)
-        coefficients = jnp.asarray(coefficients, dtype)
-        shape = (len(texture_names), len(mip_levels), len(RATES), 2, 10)
-        if coefficients.shape != shape:
-            raise ValueError(
-                f"`coefficients` must have shape {shape} to match the names of the "
-                f"textures and the mip levels, got {coefficients.shape}."
-            )
+        self.coefficients = jnp.asarray(coefficients, dtype)
+        self.entry = jnp.asarray(entry, jnp.int32)
+        self.occurs = jnp.asarray(occurs, bool)
+        self.constant = jnp.asarray(constant, bool)
+        self.mip_levels = jnp.asarray(mip_levels, dtype)
+        self.domain = domain
+        self.certificate = certificate
+        self.basis = basis
+        self.rates = rates
+        self.texture_names = texture_names
+        self.model = model
+        self.relative_to = relative_to
+        self.tolerance_jnd = tolerance_jnd
+        check_rates(rates)
         if sorted(set(mip_levels)) != list(mip_levels) or not mip_levels:
             raise ValueError(
                 f"`mip_levels` must be one or more, rising, got {mip_levels}."
             )
-        self.coefficients = coefficients
-        self.mip_levels = jnp.asarray(mip_levels, dtype)
-        self.domain = domain
-        self.largest_error = jnp.asarray(largest_error, dtype)
-        self.median_error = jnp.asarray(median_error, dtype)
-        self.texture_names = texture_names
-        self.model = model
-        self.relative_to = relative_to
+        if relative_to not in (*rates, None):
+            raise ValueError(
+                f"`relative_to` must be one of {', '.join(rates)} or None, got "
+                f"{relative_to!r}."
+            )
+        self._check_shapes()
+
+    def _check_shapes(self) -> None:
+        entries, directions = self.constant.size, self.coefficients.shape[2:3]
+        records = (entries, len(self.rates), *directions)
+        pairs = (len(self.texture_names), self.mip_levels.size)
+        expected = {
+            "coefficients": (*records, self.basis.num_coefficients),
+            "entry": pairs,
+            "occurs": pairs,
+        }
+        of = {name: getattr(self, name).shape for name in expected}
+        errors = ("largest", "percentile_99", "median")
+        expected |= {f"certificate.{name}": records for name in errors}
+        of |= {f"certificate.{n}": getattr(self.certificate, n).shape for n in errors}
+        for name, shape in expected.items():
+            if of[name] != shape or directions not in ((1,), (2,)):
+                raise ValueError(
+                    f"`{name}` must have shape {shape} to match the names, levels, "
+                    f"rates and basis, got {of[name]}."
+                )
+        entry = np.asarray(self.entry)
+        if entry.min() < -1 or entry.max() >= entries:
+            raise ValueError(
+                f"`entry` must be from -1 to {entries - 1}, got {entry.min()} to "
+                f"{entry.max()}."
+            )
 
     @property
     def num_textures(self) -> int:
-        return self.coefficients.shape[0]
+        return len(self.texture_names)
 
     @property
     def dtype(self) -> jnp.dtype:
         return self.coefficients.dtype
+
+    @property
+    def largest_error(self) -> Float[Array, ""]:
+        """Over the held-out conditions of all polynomials. [JND]."""
+        return self.certificate.overall[0]
+
+    @property
+    def median_error(self) -> Float[Array, ""]:
+        """Over the held-out conditions of all polynomials. [JND]."""
+        return self.certificate.overall[2]
+
+    @property
+    def meets(self) -> bool | None:
+        """Whether the largest error is within `tolerance_jnd`; `None` without one."""
+        if self.tolerance_jnd is None:
+            return None
+        return bool(self.largest_error <= self.tolerance_jnd)
+
+    @property
+    def count(self) -> int:
+        """Numbers that the polynomials take; a constant takes one."""
+        constants = int(np.sum(np.asarray(self.constant)))
+        each = int(np.prod(self.coefficients.shape[1:]))
+        return (self.constant.size - constants) * each + constants
+
+    def holds(self, texture: Int[Array, " tiles"]) -> Bool[Array, " tiles"]:
+        """See `AbstractTables.holds`."""
+        return (texture < self.num_textures) & (self.entry[texture, 0] >= 0)
 
     def quality(
         self,
@@ -173,22 +234,27 @@ class QualityTables(AbstractTables, strict=True):
         luminance: Float[Array, " tiles"],
         refresh_rate: Float[Array, ""],
     ) -> Float[Array, "tiles 7"]:
-        """See `AbstractTables.quality`. Differentiable in all but the indices."""
-        level = jnp.argmin(jnp.abs(self.mip_levels[:, None] - mip_level[None]), axis=0)
-        velocity = jnp.clip(
-            jnp.stack([velocity_x, velocity_y], 1), *self.domain.velocity
+        """See `AbstractTables.quality`. Differentiable in all but the indices.
+
+        NaN for a texture that does not occur.
+        """
+        entry = self.entry[texture, self._level(mip_level)]
+        velocity = jnp.stack([velocity_x, velocity_y], axis=1)[:, None, :]
+        at = Conditions(
+            velocity,
+            refresh_rate[None, None, None],
+            jnp.log10(jnp.clip(luminance, *self.domain.luminance))[:, None, None],
         )
-        log_light = jnp.log10(jnp.clip(luminance, *10**self.domain.log10_luminance))
-        by_direction = evaluate_eq31(
-            self.coefficients[texture, level],
-            velocity[:, None, :],
-            jnp.clip(refresh_rate, *self.domain.refresh_rate)[None, None, None],
-            log_light[:, None, None],
+        found = self.basis.evaluate(
+            self.coefficients[entry], clipped(at, self.domain), self.domain
         )
-        return jnp.mean(by_direction, axis=-1)
+        x, y = _places(self.rates)
+        both = (found[:, x, 0] + found[:, y, 1]) / 2
+        return jnp.where(entry[:, None] < 0, jnp.nan, both)
 
     def outside(
         self,
+        texture: Int[Array, " tiles"],
         mip_level: Float[Array, " tiles"],
         velocity_x: Float[Array, " tiles"],
         velocity_y: Float[Array, " tiles"],
@@ -196,76 +262,97 @@ class QualityTables(AbstractTables, strict=True):
         refresh_rate: Float[Array, ""],
     ) -> Bool[Array, " tiles"]:
         """See `AbstractTables.outside`. The qualities of these tiles are those of the
-        nearest condition inside."""
-        domain = self.domain
+        nearest condition and level inside."""
+        domain, levels = self.domain, self.mip_levels
         return (
-            _is_outside(mip_level, self.mip_levels[jnp.array([0, -1])])
+            # What lies half way is nearest to the finer level.
+            (mip_level <= levels[0] - 0.5)
+            | (mip_level > levels[-1] + 0.5)
+            | ~self.occurs[texture, self._level(mip_level)]
             | _is_outside(velocity_x, domain.velocity)
             | _is_outside(velocity_y, domain.velocity)
-            | _is_outside(luminance, 10**domain.log10_luminance)
+            | _is_outside(luminance, domain.luminance)
             | _is_outside(refresh_rate, domain.refresh_rate)
         )
+
+    def polynomial(
+        self, texture: str, mip_level: Float[Array, " n"]
+    ) -> Float[Array, "n rates directions coefficients"]:
+        """Coefficients of a texture at the nearest mip levels. [octaves]."""
+        entry = self.entry[self.texture_names.index(texture)]
+        return self.coefficients[entry[self._level(mip_level)]]
+
+    def dense(self) -> Float[np.ndarray, "directions textures mips rates coefficients"]:
+        """Every texture at every whole level from 0 to the highest, for engines.
+
+        A level that the tables do not have is the nearest one; a texture that does not
+        occur is 0 everywhere. In single precision.
+
+        **Raises:** `ValueError` if a level is no whole number.
+        """
+        levels = np.asarray(self.mip_levels)
+        if np.any(levels != np.round(levels)):
+            raise ValueError(
+                f"`mip_levels` must be whole numbers, got {levels.tolist()}."
+            )
+        every = jnp.arange(levels[-1] + 1, dtype=self.dtype)
+        entry = np.asarray(self.entry)[:, np.asarray(self._level(every))]
+        found = np.asarray(self.coefficients, np.float32)[entry]
+        found = np.where(entry[..., None, None, None] < 0, np.float32(0), found)
+        return np.moveaxis(found, 3, 0)
+
+    def _level(self, mip_level: Float[Array, " tiles"]) -> Int[Array, " tiles"]:
+        """Index of the nearest level, the finer of two."""
+        return jnp.argmin(jnp.abs(self.mip_levels[:, None] - mip_level[None]), axis=0)
+
+
+def index_entries(
+    num_textures: int,
+    mip_levels: Sequence[float],
+    owners: Sequence[tuple[int, tuple[float, ...]]],
+) -> tuple[Int[np.ndarray, "textures mips"], Bool[np.ndarray, "textures mips"]]:
+    """The entry of every texture and level, and whether one was made for that pair.
+
+    **Arguments:** `owners`: texture and mip levels that each entry was made for.
+
+    **Raises:** `ValueError` for a level that is not one of `mip_levels`, a texture out
+    of range, a pair with two entries, or an entry of no level.
+    """
+    levels = np.array(mip_levels, float)
+    made = {}
+    for i, (texture, own) in enumerate(owners):
+        if not (own and 0 <= texture < num_textures):
+            raise ValueError(
+                f"`entries` must each have a mip level and one of {num_textures} "
+                f"textures, got {texture} at {own}."
+            )
+        for level in own:
+            if (texture, level) in made or level not in levels:
+                raise ValueError(
+                    "`entries` must have one entry for a texture and one of the mip "
+                    f"levels, got {texture} at {level:g}."
+                )
+            made[texture, level] = i
+    entry = np.full((num_textures, levels.size), -1)
+    for texture in range(num_textures):
+        own = np.array(sorted(level for t, level in made if t == texture))
+        if own.size:
+            nearest = own[np.abs(own[:, None] - levels).argmin(axis=0)]
+            entry[texture] = [made[texture, level] for level in nearest.tolist()]
+    pairs = [[(t, level) in made for level in levels] for t in range(num_textures)]
+    return entry, np.array(pairs)
+
+
+def _places(rates: tuple[str, ...]) -> Int[np.ndarray, "2 7"]:
+    """Where the seven rates are in a table's, for the motion in x and in y."""
+    if rates == SIDES:
+        return np.array([[rates.index(str(m)) for m in side] for side in RATES.size.T])
+    held = nearest_finer(rates)
+    place = [rates.index(RATES.names[k]) for k in held]
+    return np.array([place, place])
 
 
 def _is_outside(x: Float[Array, "*n"], ends: Float[Array, "2"]) -> Bool[Array, "*n"]:
     """Rounding of the ends themselves, as in 10^log10(L), does not count."""
     slack = 8 * jnp.finfo(ends.dtype).eps * jnp.max(jnp.abs(ends))
     return (x < ends[0] - slack) | (x > ends[1] + slack)
-
-
-_fit_all = eqx.filter_jit(jax.vmap(fit_eq31, in_axes=(None, None, None, 0)))
-
-
-def fit_tables(
-    velocity: Float[Array, " n"],
-    refresh_rate: Float[Array, " n"],
-    log10_luminance: Float[Array, " n"],
-    quality: Float[Array, "textures mips 7 2 n"],
-    *,
-    mip_levels: tuple[float | int, ...],
-    texture_names: tuple[str, ...],
-    model: str,
-    relative_to: str | None = "4x4",
-) -> QualityTables:
-    """Fit Eq. 31 to sampled qualities, all textures, mip levels and rates at once.
-
-    **Arguments:**
-
-    - `velocity`, `refresh_rate`, `log10_luminance`: the sampled conditions, as for
-        `fit_eq31`. Their extremes become the domain of the tables.
-    - `quality`: the model's quality at them, relative to `relative_to`. [JND]. Axes as
-        in `QualityTables`.
-    - `mip_levels`, `texture_names`, `model`, `relative_to`: as in `QualityTables`.
-
-    **Returns:** `QualityTables` with their largest and median error.
-
-    **Raises:** as `fit_eq31` and `QualityTables`.
-    """
-    flat = quality.reshape(-1, quality.shape[-1])
-    found = _fit_all(velocity, refresh_rate, log10_luminance, flat)
-    coefficients = found.coefficients.reshape(*quality.shape[:4], 10)
-    axes = (None,) * 4
-    fitted = evaluate_eq31(
-        coefficients[..., None, :],
-        velocity[axes],
-        refresh_rate[axes],
-        log10_luminance[axes],
-    )
-    # The rate that the others are relative to is fitted exactly, by 0.
-    free = [name != relative_to for name in RATES.names]
-    error = jnp.abs(fitted - quality)[:, :, np.array(free)]
-    ends = lambda x: jnp.stack([jnp.min(x), jnp.max(x)])
-    return QualityTables(
-        coefficients=coefficients,
-        mip_levels=mip_levels,
-        domain=Domain(
-            velocity=ends(velocity),
-            refresh_rate=ends(refresh_rate),
-            log10_luminance=ends(log10_luminance),
-        ),
-        largest_error=jnp.max(error),
-        median_error=jnp.median(error),
-        texture_names=texture_names,
-        model=model,
-        relative_to=relative_to,
-    )

@@ -17,7 +17,7 @@ from alsarr._stages import digest, Stages
 from alsarr.cli import main
 from alsarr.export import read_rates_bin
 from alsarr.solve import greedy_jindal2021
-from alsarr.tables import load_tables
+from alsarr.tables import load_tables, Scene
 from camojab import load_parameters
 
 
@@ -47,6 +47,8 @@ def test_map_fits_the_budget_and_is_the_one_in_the_record(job):
     assert 0.24 < cost / (256 * rate.size) <= 0.25
     found = json.loads((job / "run.json").read_text())["rate map"]["result"]
     assert found["cost"] == cost
+    # The tables were made for all that the frame shows.
+    assert found["outside"] == 0
     shares = np.bincount(rate.ravel(), minlength=7) / rate.size
     np.testing.assert_allclose(list(found["shares"].values()), shares, rtol=1e-12)
 
@@ -55,7 +57,8 @@ def test_constants_and_tables_load(job):
     parameters, _ = load_parameters(job / "parameters.json")
     assert parameters.ws < 0 and parameters.wt < 0 and 0.2 < parameters.beta < 0.5
     tables = load_tables(job / "tables.json")
-    assert tables.coefficients.shape == (6, 5, 7, 2, 10)
+    # Of 30 pairs of texture and mip level 18 occur in the frame.
+    assert tables.coefficients.shape == (18, 7, 2, 10)
     assert tables.median_error < 0.1
 
 
@@ -121,7 +124,7 @@ def test_authors_data(real_data, tmp_path):
     )
     inputs = jindal2021_inputs(ppd=60.0, refresh_rate=60.0, frame_luminance=50.0)
     # One mip level: the other eleven take a minute and change nothing that is tested.
-    inputs = dataclasses.replace(inputs, mip_levels=(0,))
+    inputs = dataclasses.replace(inputs, scene=Scene.every(len(inputs.textures), (0,)))
     outcome = run(inputs, tmp_path, budget=0.25)
 
     rows = fit_rows(inputs, outcome.fit)

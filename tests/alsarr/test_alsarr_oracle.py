@@ -10,7 +10,18 @@ from alsarr._frame import Frame, frame_from_jindal2021
 from alsarr._rates import RATES
 from alsarr.oracle import AbstractQualityOracle, TableOracle
 from alsarr.solve import greedy_jindal2021
-from alsarr.tables import TablesJindal2021
+from alsarr.tables import (
+    Certificate,
+    Conditions,
+    Domain,
+    Eq31,
+    Eq31LogTravel,
+    QualityTables,
+    Scene,
+    TablesJindal2021,
+    TensorPolynomial,
+)
+from alsarr.tables._tables import index_entries
 from camojab.datasets import (
     jindal2021_frame,
     jindal2021_material_tables,
@@ -86,6 +97,128 @@ def test_tiles_are_numbered_row_by_row():
     assert oracle.count_outside(frame, 60) == 1
 
 
+def distilled(basis, seed=0):
+    """Tables of the first texture at two levels and of the last at one."""
+    owners = [(0, (0.0,)), (0, (2.0,)), (2, (0.0, 2.0))]
+    entry, occurs = index_entries(3, (0.0, 2.0), owners)
+    shape = (3, 7, 2)
+    coefficients = np.random.default_rng(seed).normal(
+        size=(*shape, basis.num_coefficients)
+    )
+    zero, errors = jnp.zeros(1), np.zeros(shape)
+    return QualityTables(
+        coefficients=coefficients * 0.01,
+        entry=entry,
+        occurs=occurs,
+        constant=np.zeros(3, bool),
+        mip_levels=(0.0, 2.0),
+        domain=Domain(velocity=(0.0, 30.0 + seed)),
+        certificate=Certificate(
+            largest=errors,
+            percentile_99=errors,
+            median=errors,
+            overall=np.zeros(3),
+            sample=Conditions(zero, zero, zero),
+        ),
+        basis=basis,
+        texture_names=("a", "b", "c"),
+        model="a model",
+    )
+
+
+@pytest.mark.parametrize(
+    "basis",
+    [Eq31(), Eq31LogTravel(), TensorPolynomial((2, 1, 2), 0.01)],
+    ids=lambda basis: basis.name,
+)
+def test_one_compilation_serves_every_frame_and_distilled_table(basis):
+    """Also tables with other numbers and another domain, if of the same shape."""
+    frame, _ = small()
+    frame = eqx.tree_at(lambda f: f.texture, frame, 2 * frame.texture)
+    traced = eqx.debug.assert_max_traces(TableOracle.quality, max_traces=1)
+    compiled = eqx.filter_jit(traced)
+    for seed in (0, 1):
+        oracle = TableOracle(distilled(basis, seed))
+        for rate, scale in ((30.0, 1.0), (60.0, 0.5)):
+            slower = eqx.tree_at(
+                lambda f: f.velocity_x, frame, frame.velocity_x * scale
+            )
+            got = compiled(oracle, slower, jnp.asarray(rate))
+            assert got.shape == (6, 7) and np.isfinite(got).all()
+            expected = oracle.quality(slower, rate)
+            np.testing.assert_allclose(got, expected, rtol=1e-5, atol=1e-6)
+    absent = eqx.tree_at(lambda f: f.texture, frame, frame.texture * 0 + 1)
+    with pytest.raises(RuntimeError, match="`frame.texture` must be a texture of"):
+        compiled(oracle, absent, jnp.asarray(60.0))
+
+
+def test_a_texture_that_does_not_occur_is_an_error():
+    frame, _ = small()
+    frame = eqx.tree_at(lambda f: f.texture, frame, 2 * frame.texture)
+    oracle = TableOracle(distilled(Eq31()))
+    for texture in (1, 3):
+        wrong = eqx.tree_at(
+            lambda f: f.texture, frame, frame.texture.at[1, 2].set(texture)
+        )
+        rule = f"`frame.texture` must be a texture of the tables, .*, got {texture}"
+        with pytest.raises(ValueError, match=rule):
+            oracle.quality(wrong, 60)
+        with pytest.raises(ValueError, match=rule):
+            oracle.count_outside(wrong, 60)
+
+
+def test_tiles_outside_of_distilled_tables_are_counted():
+    """60 deg/s is too fast, levels 3 to 5 are too coarse, and 1 rounds to 0."""
+    frame, _ = small()
+    frame = eqx.tree_at(lambda f: f.texture, frame, 2 * frame.texture)
+    oracle = TableOracle(distilled(Eq31()))
+    assert oracle.count_outside(frame, 60) == 3
+    assert oracle.count_outside(frame, 144) == 6
+    assert oracle.count_outside(jax.tree.map(lambda x: x[:1], frame), 60) == 0
+
+
+def test_no_tile_of_a_scenes_own_frames_is_outside_of_it():
+    """Between the levels, at the ends of every range, in single precision or not."""
+    rng = np.random.default_rng(0)
+    frames = [
+        Frame(
+            texture=rng.integers(0, 3, (9, 8)),
+            mip_level=rng.uniform(0.3, 4.7, (9, 8)),
+            velocity_x=rng.uniform(0.1, 30, (9, 8)),
+            velocity_y=rng.uniform(0.1, 40, (9, 8)),
+            luminance=10 ** rng.uniform(-2, 3, (9, 8)),
+        )
+        for _ in range(3)
+    ]
+    scene = Scene.of_frames(frames, num_textures=3, refresh_rate=(59.94, 119.88))
+    owners = [(texture, (level,)) for texture, level in scene.pairs]
+    entry, occurs = index_entries(3, scene.mip_levels, owners)
+    shape, zero = (len(owners), 7, 1), jnp.zeros(1)
+    tables = QualityTables(
+        coefficients=np.zeros((*shape, 10)),
+        entry=entry,
+        occurs=occurs,
+        constant=np.zeros(len(owners), bool),
+        mip_levels=scene.mip_levels,
+        domain=scene.domain,
+        certificate=Certificate(
+            largest=np.zeros(shape),
+            percentile_99=np.zeros(shape),
+            median=np.zeros(shape),
+            overall=np.zeros(3),
+            sample=Conditions(zero, zero, zero),
+        ),
+        basis=Eq31(),
+        texture_names=("a", "b", "c"),
+        model="a model",
+    )
+    oracle = TableOracle(tables)
+    for frame in frames:
+        for rate in (59.94, 90.0, 119.88):
+            assert oracle.count_outside(frame, rate) == 0
+        assert oracle.count_outside(frame, 120.5) == 72
+
+
 def test_one_compilation_serves_every_frame_and_table():
     frame, oracle = small()
     traced = eqx.debug.assert_max_traces(TableOracle.quality, max_traces=1)
@@ -95,7 +228,7 @@ def test_one_compilation_serves_every_frame_and_table():
             got = compiled(oracle, each, jnp.asarray(rate))
             expected = oracle.quality(each, rate)
             np.testing.assert_allclose(got, expected, rtol=1e-5)
-    with pytest.raises(RuntimeError, match="`frame.texture` must be less than"):
+    with pytest.raises(RuntimeError, match="`frame.texture` must be a texture of"):
         compiled(
             oracle,
             eqx.tree_at(lambda f: f.texture, frame, frame.texture + 1),
@@ -106,7 +239,7 @@ def test_one_compilation_serves_every_frame_and_table():
 def test_what_cannot_be_judged_is_named():
     frame, oracle = small()
     unknown = eqx.tree_at(lambda f: f.texture, frame, frame.texture + 1)
-    with pytest.raises(ValueError, match="textures in the tables, 2, got 2"):
+    with pytest.raises(ValueError, match="of the tables, which know 2, got 2"):
         oracle.quality(unknown, 60)
     with pytest.raises(ValueError, match="`refresh_rate` must be > 0 Hz, got 0"):
         oracle.quality(frame, 0)

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import pytest
 
-from alsarr.tables import distil, Polynomial
+from alsarr.tables import distil, Polynomial, sample, Scene
 from camojab import (
     datasets,
     Display,
@@ -102,7 +102,8 @@ def test_both_at_once(benchmark, spectrum, formulation, fidelity):
 
 def test_polynomial(benchmark, spectrum):
     textures = {"grass": spectrum}
-    tables = distil(textures, mip_levels=(0,), ppd=60.0, relative_to=None)
+    samples = sample(textures, Scene.every(1, (0,)), ppd=60.0)
+    tables = distil(samples, relative_to=None)
     arguments, rung = conditions(10_000), Polynomial(tables, "grass")
     of = jax.jit(
         lambda *views: quality(spectrum, *views, Shading(rate_x=0.5), fidelity=rung)
