@@ -25,6 +25,7 @@ bench: $(VENV)/bench.installed
 	$(BIN)/camojab bench -o $(OUT)/bench
 	$(BIN)/python tests/benchmarks/bench_fit.py
 	$(BIN)/python -m pytest tests/benchmarks/bench_model.py -p no:xdist
+	$(BIN)/python tests/benchmarks/bench_tables.py
 
 lint: $(VENV)/dev.installed
 	$(BIN)/ruff check .

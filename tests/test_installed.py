@@ -34,6 +34,7 @@ def test_data_and_stubs_travel(wheel):
     }
     assert shipped and shipped <= names
     assert {"camojab/__init__.pyi", "alsarr/__init__.pyi"} <= names
+    assert "alsarr/tables/tables.schema.json" in names
     assert not [n for n in names if n.startswith(("tests/", "notebooks/"))]
 
 

@@ -14,7 +14,11 @@ from ._eq31 import (
     evaluate_eq31 as evaluate_eq31,
     fit_eq31 as fit_eq31,
 )
-from ._file import load_tables as load_tables, save_tables as save_tables
+from ._file import (
+    load_tables as load_tables,
+    save_tables as save_tables,
+    schema as schema,
+)
 from ._jindal2021 import TablesJindal2021 as TablesJindal2021
 from ._polynomial import Polynomial as Polynomial
 from ._rate_order import Constraint as Constraint
