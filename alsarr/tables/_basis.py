@@ -106,14 +106,10 @@ class _AbstractEq31(AbstractBasis, strict=True):
         factors = Factors.over(*self._axes(at))
         sampled = factors.values(*self._axes(at))
         everywhere = factors.values(*self._axes(dense))
-
-        def one(target: Float[Array, "rates n"]) -> Float[Array, "rates 10"]:
-            found = fit_constrained_product(
-                *sampled, target, *everywhere, order.pairs, order.margin
-            )
-            return jax.vmap(factors.in_plain_units)(*found)
-
-        return jax.lax.map(one, quality)
+        found = fit_constrained_product(
+            *sampled, quality, *everywhere, order.pairs, order.margin
+        )
+        return jax.vmap(jax.vmap(factors.in_plain_units))(*found)
 
     def constant(self, value: float) -> Float[Array, " c"]:
         """See `AbstractBasis.constant`."""
@@ -267,13 +263,9 @@ class TensorPolynomial(AbstractBasis, strict=True):
     ) -> Float[Array, "tables rates c"]:
         """See `AbstractBasis.fit_ordered`."""
         design, everywhere = self._design(at, domain), self._design(dense, domain)
-
-        def one(target: Float[Array, "rates n"]) -> Float[Array, "rates c"]:
-            return fit_constrained_linear(
-                design, target, everywhere, order.pairs, order.margin
-            )
-
-        return jax.lax.map(one, quality)
+        return fit_constrained_linear(
+            design, quality, everywhere, order.pairs, order.margin
+        )
 
     def constant(self, value: float) -> Float[Array, " c"]:
         """See `AbstractBasis.constant`."""

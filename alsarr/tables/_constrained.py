@@ -249,7 +249,7 @@ def fit_constrained_product(
 
     **Accuracy:** the sum of squares comes within 2e-3 of that of both factors together
     (SciPy's SLSQP from there) on the model's qualities. Where rates are bound by each
-    other and nothing alike, it may stall as much as a fifth above.
+    other and nothing alike, it may stall as much as a quarter above.
 
     **Source:** Jindal et al. 2021, Eq. 31, for the product; Lawson and Hanson 1974,
     Solving Least Squares Problems, ch. 23, for the programmes, in their duals.
