@@ -193,7 +193,7 @@ def _print_saving(tables: QualityTables, num_textures: int) -> None:
     print(
         f"{tables.count} coefficients, {1 - tables.count / every:.1%} fewer than the "
         f"{every} of every texture at {len(PUBLISHED_LEVELS)} levels; "
-        f"{constant} textures are constants"
+        f"textures that are one constant: {constant}"
     )
 
 

@@ -105,7 +105,7 @@ def test_what_was_left_out_and_the_saving_are_printed(given, capsys):
     # The flat texture takes one number.
     assert list(np.asarray(tables.constant)) == [False, False, False, True]
     assert f"{tables.count} coefficients, " in printed
-    assert "; 1 textures are constants" in printed
+    assert "; textures that are one constant: 1\n" in printed
     assert "tolerance of 2 JND: is met\n" in printed
     assert tables.meets and tables.largest_error <= 2
 

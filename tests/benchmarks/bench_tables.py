@@ -1,6 +1,8 @@
 """What tables cost, and how far they are from the model.
 
-python tests/benchmarks/bench_tables.py [forms] [constraints] [scenes] [time]
+    python tests/benchmarks/bench_tables.py [PART ...]
+
+of forms, constraints, programmes, scenes and time; all of them if none is named.
 """
 
 import sys
@@ -22,6 +24,7 @@ from alsarr.tables import (
     Grid,
     sample,
     Scene,
+    TensorPolynomial,
 )
 from alsarr.tables._basis import AbstractBasis
 from alsarr.tables._rate_order import rate_order
@@ -178,6 +181,65 @@ def _scifi():
     )
 
 
+def show_programmes():
+    """One ordered fit by our own solver, and the same programme by others."""
+    from alsarr.tables._constrained import fit_constrained_linear
+
+    grass = {"grass": spectra("built-in")["grass"]}
+    of = sample(grass, Scene.every(1, (0,)), ppd=PPD)
+    basis, domain = TensorPolynomial((2, 2, 3), 0.5 / PPD), of.scene.domain
+    # An orthonormal design makes the programme the nearest point.
+    design, r = np.linalg.qr(np.asarray(basis._design(of.grid, domain), float))
+    dense = Grid.over(domain, (9, 6, 5)).conditions()
+    grid = np.asarray(basis._design(dense, domain), float) @ np.linalg.inv(r)
+    quality = of.quality[0, :, 0, : len(design)].astype(float)
+    target = (quality - quality[:1])[1:]
+    order = rate_order(Constraint.MONOTONE, RATES.names, "4x4")
+    free = (target @ design).ravel()
+    rows = np.zeros((len(order.pairs), len(target)))
+    for row_, (better, worse) in zip(rows, order.pairs, strict=True):
+        row_[better] = 1
+        if worse >= 0:
+            row_[worse] = -1
+    bounds = np.einsum("rk,mp->rmkp", rows, grid).reshape(-1, free.size)
+    print(f"\none table, {free.size} unknowns, {len(bounds)} bounds")
+    row("solver", "time [s]", "distance", "violation")
+    with jax.enable_x64(True):
+        arrays = [jnp.asarray(x) for x in (design, target, grid)]
+        solvers = {
+            "own": lambda: fit_constrained_linear(*arrays, order.pairs, order.margin),
+            **_others(free, bounds, order.margin),
+        }
+        for name, solve in solvers.items():
+            jax.block_until_ready(solve())
+            start = time.perf_counter()
+            found = np.asarray(jax.block_until_ready(solve()), float).ravel()
+            took = time.perf_counter() - start
+            distance = np.linalg.norm(found - free)
+            fall = order.margin - np.min(bounds @ found)
+            row(name, f"{took:.3f}", f"{distance:.6f}", f"{fall:.1e}")
+
+
+def _others(free, bounds, margin):
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        from jaxopt import OSQP
+    square, limits = jnp.eye(free.size), jnp.full(len(bounds), -margin)
+    pull, below = jnp.asarray(-free), jnp.asarray(-bounds)
+    osqp = OSQP(tol=1e-3, maxiter=4000)
+    run = jax.jit(lambda: osqp.run(None, (square, pull), None, (below, limits)))
+    found = {"jaxopt OSQP, 4000 steps": lambda: run().params.primal}
+    try:
+        import qpax
+    except ImportError:
+        return found
+    none = jnp.zeros((0, free.size)), jnp.zeros(0)
+    inner = jax.jit(lambda: qpax.solve_qp(square, pull, *none, below, limits)[0])
+    return found | {"qpax": inner}
+
+
 def show_time():
     print("\n600 tables, 50 drawn textures x 12 levels, seven rates, two directions")
     random, base = np.random.default_rng(0), list(datasets.builtin_textures().values())
@@ -196,7 +258,7 @@ def show_time():
 
 
 if __name__ == "__main__":
-    asked = sys.argv[1:] or ["forms", "constraints", "scenes", "time"]
+    asked = sys.argv[1:] or ["forms", "constraints", "programmes", "scenes", "time"]
     print(f"jax {jax.__version__}, {jnp.result_type(float)}, {jax.devices()}")
     for part in asked:
         globals()[f"show_{part}"]()
