@@ -4,6 +4,7 @@ This is what takes time, so it is shared out over devices and processes, and wha
 done is kept on disk until all is done.
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Float
 
 from camojab import (
+    Auto,
+    choose_fidelity,
     Display,
     Exact,
     Formulation,
@@ -66,7 +69,7 @@ def sample(
     persistence: float = 1.0,
     parameters: Parameters | None = None,
     formulation: Formulation = Formulation.RELEASED,
-    fidelity: Exact | Pooled | None = None,
+    fidelity: Exact | Pooled | Auto | None = None,
     rates: tuple[str, ...] = RATES.names,
     grid: Grid | None = None,
     checkpoint: str | Path | None = None,
@@ -83,7 +86,8 @@ def sample(
     - `scene`: pairs of texture and mip level, and the domain.
     - `ppd` [px/deg] and `persistence` [1] of the display that the tables are for.
     - `parameters`: of the model; the published ones of `formulation` if left out.
-    - `fidelity`: `Pooled()` if left out.
+    - `fidelity`: `Pooled()` if left out; for `Auto` the finest of the rungs that it
+      takes for the textures at their finest levels.
     - `rates`: some of `alsarr.RATES` in their order, 1x1 among them; or
       `("4", "2", "1")` for separable tables, sampled with square coarse pixels of
       these sides.
@@ -122,8 +126,10 @@ def sample(
         _resolution(rates),
         (display, Viewing(every.velocity), parameters),
         formulation,
-        fidelity or Pooled(),
+        Pooled() if fidelity is None or isinstance(fidelity, Auto) else fidelity,
     )
+    if isinstance(fidelity, Auto):
+        task = dataclasses.replace(task, fidelity=_chosen(fidelity, task))
     found = _all(task, checkpoint, progress)
     model = f"camojab {formulation.value}; {display.report()}; {parameters.report()}"
     return Samples(found, chosen, tried, scene, rates, tuple(textures), ppd, model)
@@ -147,6 +153,32 @@ class _Task:
         amplitudes = [spectrum.amplitude for spectrum in self.spectra]
         text = f"{self.formulation.value} {self.fidelity!r}"
         return digest(amplitudes, self.pairs, self.resolution, self.shared, text)
+
+
+def _chosen(auto: Auto, task: _Task) -> Exact | Pooled:
+    """The finest rung of those that the textures need at their finest levels."""
+    display, viewing, parameters = task.shared
+    finest = {t: min(m for s, m in task.pairs if s == t) for t, _ in task.pairs}
+    taken = []
+    for texture, level in finest.items():
+        rate = task.resolution[:, :, None]
+        shading = Shading(rate_x=rate[:, 0], rate_y=rate[:, 1], mip_level=level)
+        rung = choose_fidelity(
+            task.spectra[texture],
+            display,
+            viewing,
+            shading,
+            parameters,
+            formulation=task.formulation,
+            fidelity=auto,
+        )
+        if not isinstance(rung, Exact | Pooled):
+            raise ValueError(
+                f"`fidelity` must take Exact or Pooled for tables, got {rung}."
+            )
+        taken.append(rung)
+    cells = lambda rung: rung.cells if isinstance(rung, Pooled) else float("inf")
+    return max(taken, key=cells)
 
 
 def _resolution(rates: tuple[str, ...]) -> Float[np.ndarray, "rates 2"]:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from alsarr import RATES
-from alsarr.tables import _samples as module, Grid, sample, Scene
+from alsarr.tables import _samples as module, Domain, Grid, sample, Scene
 from alsarr.tables._checkpoint import forget
 from camojab import (
+    Auto,
     Display,
     error_estimate,
     Exact,
@@ -381,3 +382,28 @@ def test_what_cannot_be_sampled(changes, message, pretended):
 def test_no_textures_are_refused():
     with pytest.raises(ValueError, match="`textures` must be as many as .*, 1, got 0"):
         sample({}, Scene.every(1), ppd=PPD)
+
+
+def test_auto_takes_the_finest_rung_that_a_texture_needs(monkeypatch):
+    """An empty texture needs the first; noise, whose errors are larger, the second."""
+    noise = np.random.default_rng(0).random((512, 512))
+    images = {"empty": np.zeros((8, 8)), "noise": noise}
+    textures = {k: Spectrum.from_texture(v) for k, v in images.items()}
+    taken = []
+
+    def nothing(task, *_):
+        taken.append(task.fidelity)
+        return np.zeros((len(task.pairs), *task.shape), np.float32)
+
+    monkeypatch.setattr(module, "_all", nothing)
+    auto = Auto(0.005, rungs=(Pooled(400), Pooled(5000)))
+    for names in (["empty"], ["empty", "noise"]):
+        sample(
+            {name: textures[name] for name in names},
+            Scene.every(len(names), (0,), Domain(velocity=(0.0, 10.0))),
+            ppd=PPD,
+            fidelity=auto,
+            rates=("2x2", "1x1"),
+            grid=Grid(velocity=(0.0, 5.0)),
+        )
+    assert taken == [Pooled(400), Pooled(5000)]
