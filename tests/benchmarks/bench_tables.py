@@ -254,6 +254,9 @@ def show_time():
     made = distil(of)
     both = time.perf_counter() - start
     print(f"sampling {sampled:.1f} s, with fitting and certificates {both:.1f} s")
+    start = time.perf_counter()
+    distil(of, Form(Eq31LogTravel()), constraint=Constraint.MONOTONE)
+    print(f"monotone, log travel: fitting {time.perf_counter() - start:.1f} s")
     print(f"largest, 99 %, median [JND]: {', '.join(jnd(made.certificate))}")
 
 
