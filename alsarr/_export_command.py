@@ -9,6 +9,7 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from camojab import _command as command
+from camojab._files import DAMAGED
 
 
 if TYPE_CHECKING:
@@ -208,13 +209,12 @@ def _rate_map(
     """The rates of a file in rows and columns."""
     import numpy as np
 
-    from ._rate_choice import _DAMAGED
     from .export._rate_map import checked_map
 
     try:
         with np.load(path, allow_pickle=False) as stored:
             rate = np.asarray(stored["rate"])
-    except _DAMAGED as error:
+    except DAMAGED as error:
         raise ValueError(f"{path}: must hold whole, plain arrays.") from error
     if rate.ndim == 1:
         wide = _columns(rate.size, pixels) if columns is None else columns

@@ -1,7 +1,6 @@
 """A G-buffer at tile resolution: what is seen in each 16x16 tile, and how it moves."""
 
 import zipfile
-import zlib
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from camojab._errors import check
-from camojab._files import replacing
+from camojab._files import DAMAGED, replacing
 
 
 class Frame(eqx.Module, strict=True):
@@ -280,11 +279,11 @@ def load_frame(path: str | Path) -> Frame:
     with Path(path).open("rb") as file:
         if not zipfile.is_zipfile(file):
             raise ValueError(f"{path}: is no NPZ file.")
-        stored = np.load(file, allow_pickle=False)
-        missing = [name for name in Frame.UNITS if name not in stored.files]
         try:
+            stored = np.load(file, allow_pickle=False)
+            missing = [name for name in Frame.UNITS if name not in stored.files]
             arrays = {name: stored[name] for name in Frame.UNITS if not missing}
-        except (ValueError, zlib.error, zipfile.BadZipFile) as error:
+        except DAMAGED as error:
             raise ValueError(
                 f"{path}: holds something else than whole, plain arrays."
             ) from error

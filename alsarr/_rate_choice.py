@@ -1,26 +1,15 @@
 """Qualities in an NPZ file to rates in an NPZ file."""
 
 import zipfile
-import zlib
 from pathlib import Path
 
 import jax
 import numpy as np
 
-from camojab._files import replacing
+from camojab._files import DAMAGED, replacing
 
 from ._rates import RATES
 from .solve import greedy_jindal2021, Selection
-
-
-# What the readers of archives raise for a damaged one.
-_DAMAGED = (
-    ValueError,
-    EOFError,
-    RuntimeError,
-    zlib.error,
-    zipfile.BadZipFile,
-)
 
 
 def choose(path: Path, budget: float) -> Selection:
@@ -65,7 +54,7 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
         try:
             stored = np.load(file, allow_pickle=False)
             arrays = {name: np.asarray(stored[name]) for name in stored.files}
-        except _DAMAGED as error:
+        except DAMAGED as error:
             raise ValueError(f"{path}: must hold whole, plain arrays.") from error
     for name in ("quality_jnd", "cost"):
         if name not in arrays:

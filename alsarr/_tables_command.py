@@ -125,7 +125,17 @@ def show(file: Path) -> None:
 
 @contextmanager
 def processes(coordinator: str | None, number: int, index: int):
-    """Take part in a computation of several processes."""
+    """Take part in a computation of several processes.
+
+    **Raises:** `ValueError` for several processes without a coordinator, or an index
+    that none of them has: JAX would wait for the others in vain.
+    """
+    if coordinator is None and number != 1:
+        raise ValueError(
+            f"`--processes` must go with --coordinator, got {number} without."
+        )
+    if not 0 <= index < number:
+        raise ValueError(f"`--process` must be from 0 to {number - 1}, got {index}.")
     if coordinator is None:
         yield
         return

@@ -1,10 +1,21 @@
 """Files are written whole, then renamed: a reader never meets half of one."""
 
 import os
+import struct
 import tempfile
+import tokenize
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+
+# What NumPy's reader of archives raises for damaged or foreign ones.
+DAMAGED = (
+    *(zipfile.BadZipFile, zlib.error, tokenize.TokenError, struct.error),
+    *(ValueError, EOFError, RuntimeError, OverflowError, MemoryError),
+)
 
 
 @contextmanager

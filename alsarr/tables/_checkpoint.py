@@ -1,13 +1,12 @@
 """Results on disk, one file each, until all are there."""
 
 import shutil
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from camojab._files import replacing, write_text
+from camojab._files import DAMAGED, replacing, write_text
 
 
 class Checkpoint:
@@ -29,7 +28,7 @@ class Checkpoint:
             # An archive has a checksum, which a bare array has not.
             with self._path(self._folder, number).open("rb") as file:
                 found = np.load(file, allow_pickle=False)["result"]
-        except (OSError, ValueError, LookupError, EOFError, zipfile.BadZipFile):
+        except (OSError, LookupError, *DAMAGED):
             return None
         return found if found.shape == shape and np.isfinite(found).all() else None
 

@@ -196,3 +196,13 @@ def test_a_damaged_file_is_refused(tmp_path):
     path.write_bytes(whole)
     with pytest.raises(ValueError, match="frame.npz: "):
         load_frame(path)
+
+
+def test_a_file_with_a_broken_directory_is_refused(tmp_path):
+    """The end of an archive is whole, so that it looks like one."""
+    path = tmp_path / "frame.npz"
+    np.savez(path, **{name: np.ones((2, 2), int) for name in Frame.UNITS})
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"PK\x01\x02", b"PK\x01\x09"))
+    with pytest.raises(ValueError, match="frame.npz: holds something else than whole"):
+        load_frame(path)

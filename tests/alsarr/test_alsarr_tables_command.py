@@ -176,6 +176,8 @@ def test_an_interrupted_run_goes_on_and_writes_the_same_bytes(given, alone):
         (["--tolerance", "-1"], "`tolerance_jnd` must be > 0 JND, got -1"),
         (["--rates", "3x3"], "must be separable or of 4x4,.*, got 3x3"),
         (["--rates", "2x2"], "`rates` must be .* with 1x1, or 4, 2, 1, got 2x2"),
+        (["--processes", "2"], "`--processes` must go with --coordinator, got 2"),
+        (["--process", "1"], "`--process` must be from 0 to 0, got 1"),
         (["--ppd", "0"], "`ppd` must be finite and > 0 px/deg, got 0"),
         (["--refresh-rate", "60", "30"], "`refresh_rate` must be lowest first"),
         (["--encoding", "cinema"], "'--encoding'"),

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/bench_tables.py [PART ...]
 
-of forms, constraints, programmes, scenes and time; all of them if none is named.
+of forms, constraints, programmes, authors, scenes and time; all if none is named.
 """
 
 import sys
@@ -261,7 +261,14 @@ def show_time():
 
 
 if __name__ == "__main__":
-    asked = sys.argv[1:] or ["forms", "constraints", "programmes", "scenes", "time"]
+    asked = sys.argv[1:] or [
+        "forms",
+        "constraints",
+        "programmes",
+        "authors",
+        "scenes",
+        "time",
+    ]
     print(f"jax {jax.__version__}, {jnp.result_type(float)}, {jax.devices()}")
     for part in asked:
         globals()[f"show_{part}"]()
