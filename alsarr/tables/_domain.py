@@ -153,6 +153,8 @@ def held_out(domain: Domain) -> Conditions:
     share = np.concatenate([inside, corners.reshape(-1, 3)])
     points = low + share * (high - low)
     points[:, 0] = even_velocities((low[0], high[0]), share[:, 0])
+    # Ends are taken as they are: a tiny one is lost beside the other.
+    points = np.where(share == 0, low, np.where(share == 1, high, points))
     ends = (end.astype(np.float32) for end in (low, high))
     single = np.clip(points.astype(np.float32), *ends)
     return Conditions(*(jnp.asarray(x, float) for x in single.T))
