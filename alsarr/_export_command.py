@@ -212,7 +212,8 @@ def _rate_map(
     from .export._rate_map import checked_map
 
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        # Given a path, NumPy leaves files open that it cannot read.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             rate = np.asarray(stored["rate"])
     except DAMAGED as error:
         raise ValueError(f"{path}: must hold whole, plain arrays.") from error
