@@ -1,4 +1,8 @@
-"""Spending a shading budget: one rate for every tile."""
+"""Which shading rate every tile gets: solvers of the multiple-choice knapsack."""
 
+from ._common_floor import common_floor as common_floor
 from ._greedy import greedy_jindal2021 as greedy_jindal2021
+from ._hull import hull as hull
+from ._lagrangian import lagrangian as lagrangian
 from ._selection import Selection as Selection
+from ._uniform import uniform as uniform

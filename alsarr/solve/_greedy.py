@@ -3,8 +3,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from camojab._errors import check
-
+from ._finish import price, selection
+from ._problem import checked, Problem
 from ._selection import Selection
 
 
@@ -53,44 +53,20 @@ def greedy_jindal2021(
 
     **Source:** Jindal et al. (2021), ACM Trans. Graph. 40(6), Section 5.3.
     """
-    quality = check("quality", quality, jnp.isfinite, "finite")
-    if quality.ndim != 2 or quality.size == 0:
-        raise ValueError(
-            f"`quality` must have shape [tiles, rates], none of them 0, "
-            f"got {quality.shape}."
-        )
-    if jnp.shape(cost) not in (quality.shape, quality.shape[1:]):
-        raise ValueError(
-            f"`cost` must have shape {quality.shape[1:]} or {quality.shape} to match "
-            f"`quality`, got {jnp.shape(cost)}."
-        )
-    if jnp.shape(budget) != ():
-        raise ValueError(f"`budget` must be one number, got shape {jnp.shape(budget)}.")
-    cost = check("cost", cost, _is_cost, "> 0, finite and lowest at the first rate")
-    cost = jnp.broadcast_to(cost, quality.shape).astype(quality.dtype)
-    budget = check("budget", budget, lambda b: ~jnp.isnan(b), "a number, not NaN")
-    left = budget.astype(quality.dtype) - jnp.sum(cost[:, 0])
-    if throw:
-        left = check(
-            "budget - sum(cost[:, 0])",
-            left,
-            lambda rest: rest >= 0,
-            ">= 0 so that every tile can have its cheapest rate (pass `throw=False` to "
-            "read `Selection.feasible` instead)",
-        )
-    return _greedy(quality, cost, left)
-
-
-def _is_cost(cost: Array) -> Array:
-    return (cost > 0) & jnp.isfinite(cost) & (cost >= cost[..., :1])
+    problem = checked(
+        quality,
+        cost,
+        budget,
+        throw=throw,
+        is_cost=lambda c: (c > 0) & jnp.isfinite(c) & (c >= c[..., :1]),
+        rule="> 0, finite and lowest at the first rate",
+    )
+    return _greedy(problem)
 
 
 @eqx.filter_jit
-def _greedy(
-    quality: Float[Array, "tiles rates"],
-    cost: Float[Array, "tiles rates"],
-    left: Float[Array, ""],
-) -> Selection:
+def _greedy(problem: Problem) -> Selection:
+    quality, cost, left = problem.quality, problem.every_cost, problem.left
     ratio = quality[:, 1:] / cost[:, 1:]
     taken, extra = _if_unlimited(quality, cost, ratio)
     order = jnp.argsort(ratio.ravel(), stable=True, descending=True)
@@ -107,13 +83,7 @@ def _greedy(
     # Within a tile each taken quality is higher than the one before.
     reached = jnp.where(taken & (place < end), quality[:, 1:], -jnp.inf)
     reached = jnp.concatenate([quality[:, :1], reached], axis=1)
-    rate = jnp.argmax(reached, axis=1)
-    return Selection(
-        rate=rate,
-        quality=jnp.sum(jnp.max(reached, axis=1)),
-        cost=jnp.sum(jnp.take_along_axis(cost, rate[:, None], axis=1)),
-        feasible=left >= 0,
-    )
+    return selection(problem, jnp.argmax(reached, axis=1), price(problem))
 
 
 def _if_unlimited(

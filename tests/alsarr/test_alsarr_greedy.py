@@ -183,7 +183,12 @@ QUALITY = np.arange(14.0).reshape(2, 7)
             np.array([50, 60]),
             r"`budget` must be one number, got shape",
         ),
-        (QUALITY, RATES.cost, 31, r"`budget - sum\(cost\[:, 0\]\)` .*>= 0.*, got -1\."),
+        (
+            QUALITY,
+            RATES.cost,
+            31,
+            r"`budget - sum\(min\(cost, axis=1\)\)` .*>= 0.*, got -1\.",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(quality, cost, budget, message):
