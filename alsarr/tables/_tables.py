@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._rates import nearest_finer, RATES
 from ._basis import AbstractBasis
+from ._blocks import in_blocks
 from ._certificate import Certificate
 from ._domain import clipped, Conditions, Domain
 from ._rate_order import check_rates, SIDES
@@ -238,6 +239,18 @@ class QualityTables(AbstractTables, strict=True):
 
         NaN for a texture that does not occur.
         """
+        of = lambda *some: self._quality(*some, refresh_rate)
+        return in_blocks(of, texture, mip_level, velocity_x, velocity_y, luminance)
+
+    def _quality(
+        self,
+        texture: Int[Array, " some"],
+        mip_level: Float[Array, " some"],
+        velocity_x: Float[Array, " some"],
+        velocity_y: Float[Array, " some"],
+        luminance: Float[Array, " some"],
+        refresh_rate: Float[Array, ""],
+    ) -> Float[Array, "some 7"]:
         entry = self.entry[texture, self._level(mip_level)]
         velocity = jnp.stack([velocity_x, velocity_y], axis=1)[:, None, :]
         at = Conditions(

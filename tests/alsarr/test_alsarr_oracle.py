@@ -241,7 +241,9 @@ def test_what_cannot_be_judged_is_named():
     unknown = eqx.tree_at(lambda f: f.texture, frame, frame.texture + 1)
     with pytest.raises(ValueError, match="of the tables, which know 2, got 2"):
         oracle.quality(unknown, 60)
-    with pytest.raises(ValueError, match="`refresh_rate` must be > 0 Hz, got 0"):
+    with pytest.raises(
+        ValueError, match="`refresh_rate` must be > 0 Hz and finite, got 0"
+    ):
         oracle.quality(frame, 0)
 
 
