@@ -9,16 +9,32 @@ import numpy as np
 from camojab._files import DAMAGED, replacing
 
 from ._rates import RATES
-from .solve import greedy_jindal2021, Selection
+from .solve import (
+    dynamic_programme,
+    greedy_jindal2021,
+    hull,
+    lagrangian,
+    Selection,
+)
 
 
-def choose(path: Path, budget: float) -> Selection:
-    """Algorithm 1 on the qualities and costs of a file.
+# By their names on the command line.
+SOLVERS = {
+    "lagrangian": lagrangian,
+    "hull": hull,
+    "greedy": greedy_jindal2021,
+    "dynamic-programme": dynamic_programme,
+}
+
+
+def choose(path: Path, budget: float, solver: str) -> Selection:
+    """A solver's choice for the qualities and costs of a file.
 
     **Arguments:**
 
     - `path`: NPZ file with `quality_jnd` [tiles, 7] (JND) and `cost` [7], any unit.
     - `budget`: share of the cost of the dearest rate everywhere. In (0, 1].
+    - `solver`: a key of `SOLVERS`.
 
     **Raises:** `ValueError` naming the file, the array or the argument that is wrong.
     """
@@ -26,24 +42,25 @@ def choose(path: Path, budget: float) -> Selection:
         raise ValueError(f"`budget` must be in (0, 1], got {budget:g}.")
     quality, cost = _read(path)
     full = float(np.sum(np.broadcast_to(cost, quality.shape).max(axis=1)))
-    cheapest = float(np.sum(np.broadcast_to(cost, quality.shape)[:, 0]))
+    cheapest = float(np.sum(np.broadcast_to(cost, quality.shape).min(axis=1)))
     if cheapest > budget * full:
         raise ValueError(
             f"`budget` must be at least {cheapest / full:g}, the share of the cost "
-            f"that the coarsest rate takes everywhere, got {budget:g}."
+            f"that the cheapest rate of every tile takes, got {budget:g}."
         )
     with jax.enable_x64(True):
-        return greedy_jindal2021(quality, cost, budget * full)
+        return SOLVERS[solver](quality, cost, budget * full)
 
 
 def save_choice(path: Path, chosen: Selection) -> None:
-    """Write `rate` [tiles], and the totals `quality_jnd` and `cost`, as NPZ."""
+    """Write `rate` [tiles], the totals `quality_jnd` and `cost`, and `gap_jnd`."""
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(
             file,
             rate=np.asarray(chosen.rate),
             quality_jnd=np.asarray(chosen.quality),
             cost=np.asarray(chosen.cost),
+            gap_jnd=np.asarray(chosen.gap),
         )
 
 

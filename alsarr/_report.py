@@ -99,9 +99,10 @@ def _tables_text(made: Result) -> Html:
 
 def _rates_text(solved: Result) -> Html:
     return text(
-        f"Greedy choice (Algorithm 1) at {solved['budget']:.2%} of full cost: "
-        f"{solved['quality_jnd']:.2f} JND over {solved['tiles']} tiles for "
-        f"{solved['cost']:.0f} of {solved['full_cost']} pixels; {solved['outside']} "
+        f"Chosen by the solver {solved['solver']} at {solved['budget']:.2%} of full "
+        f"cost: {solved['quality_jnd']:.2f} JND over {solved['tiles']} tiles for "
+        f"{solved['cost']:.0f} of {solved['full_cost']} pixels, at most "
+        f"{solved['gap_jnd']:.3g} JND below the best map; {solved['outside']} "
         "tiles lie outside the conditions that the tables were fitted to."
     )
 

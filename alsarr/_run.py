@@ -12,12 +12,12 @@ import numpy as np
 from camojab import fit, Parameters, Spectrum
 
 from ._inputs import Inputs
+from ._rate_choice import SOLVERS
 from ._rates import RATES
 from ._report import write_report
 from ._stages import Result, Stages
 from .export import write_rates_bin, write_rates_png
 from .oracle import TableOracle
-from .solve import greedy_jindal2021
 from .tables import (
     AbstractTables,
     distil,
@@ -40,8 +40,8 @@ class Outcome:
     - `fit`: `rmse_jnd` per block and `all`, `parameters`, `scales`, `predicted_jnd`,
       `steps`, `verdict`.
     - `tables`: `largest_error_jnd`, `median_error_jnd`, `textures`, `mip_levels`.
-    - `rate_map`: `quality_jnd`, `cost` and `full_cost` [px], `budget`, `shares`,
-      `outside`, `tiles`.
+    - `rate_map`: `solver`, `quality_jnd`, `gap_jnd`, `cost` and `full_cost` [px],
+      `budget`, `shares`, `outside`, `tiles`.
     - `quote`: the line to quote beside any of these numbers.
     """
 
@@ -57,6 +57,7 @@ def run(
     out: Path,
     *,
     budget: float,
+    solver: str = "greedy",
     progress: Progress = lambda stage, done, total: None,
 ) -> Outcome:
     """Fit, distil, solve and report into the folder `out`.
@@ -68,6 +69,7 @@ def run(
     **Arguments:**
 
     - `budget`: share of the cost of shading every tile at full rate. In (0, 1].
+    - `solver`: a key of `SOLVERS`; the paper's own if left out.
     - `progress`: called with a stage's name, the steps done and their number.
 
     **Raises:** `ValueError` for a budget out of range or below the coarsest map.
@@ -100,9 +102,9 @@ def run(
     own = inputs.tables or load_tables(out / "tables.json")
     solved, mapped = stages.run(
         "rate map",
-        (release, inputs.frame, own, inputs.refresh_rate, budget),
+        (release, inputs.frame, own, inputs.refresh_rate, budget, solver),
         ["rates.png", "rates.bin"],
-        lambda: _rate_map(inputs, own, budget, out),
+        lambda: _rate_map(inputs, own, budget, solver, out),
     )
     quote = _quote(release, inputs, parameters)
     _, reported = stages.run(
@@ -187,22 +189,24 @@ def _tables(
 
 
 def _rate_map(
-    inputs: Inputs, tables: AbstractTables, budget: float, out: Path
+    inputs: Inputs, tables: AbstractTables, budget: float, solver: str, out: Path
 ) -> Result:
     with jax.enable_x64(True):
         wide = lambda x: x.astype(float) if jnp.issubdtype(x.dtype, jnp.floating) else x
         frame, oracle = jax.tree.map(wide, (inputs.frame, TableOracle(tables)))
         quality = oracle.quality(frame, inputs.refresh_rate)
         full = int(RATES.cost.max()) * quality.shape[0]
-        chosen = greedy_jindal2021(quality, RATES.cost, budget * full)
+        chosen = SOLVERS[solver](quality, RATES.cost, budget * full)
         outside = int(oracle.count_outside(frame, inputs.refresh_rate))
         rate = np.asarray(chosen.rate).reshape(frame.shape)
-        total, cost = float(chosen.quality), float(chosen.cost)
+        total, cost, gap = (float(x) for x in (chosen.quality, chosen.cost, chosen.gap))
     write_rates_png(out / "rates.png", rate)
     write_rates_bin(out / "rates.bin", rate)
     counts = np.bincount(rate.ravel(), minlength=len(RATES))
     return {
+        "solver": solver,
         "quality_jnd": total,
+        "gap_jnd": gap,
         "cost": cost,
         "budget": budget,
         "full_cost": full,

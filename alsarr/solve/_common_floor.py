@@ -1,5 +1,4 @@
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
 from ._finish import price, selection
@@ -11,13 +10,12 @@ from ._threshold import by_shortfall, last_that_fits
 def common_floor(
     quality: ArrayLike, cost: ArrayLike, budget: ArrayLike, *, throw: bool = True
 ) -> Selection:
-    """The cheapest rate of each tile whose quality reaches a floor common to all.
+    """The cheapest rate of each tile that loses no more than is tolerated of all.
 
-    The rule of NAS and of FidelityFX, where the floor is an error that is just
-    tolerated. Here it is the highest that the budget allows, found as `lagrangian`
-    finds its price: the tile of lowest quality always comes first. A tile that no rate
-    lifts to the floor has its best. It is no attempt at the highest total, whose
-    distance is in `Selection.gap`.
+    The rule of NAS and of FidelityFX, where an error is just tolerated. Here the loss,
+    how far a rate falls short of the best of its tile, is the smallest that the budget
+    allows, found as `lagrangian` finds its price: the tile that loses most always comes
+    first. It is no attempt at the highest total, whose distance is in `Selection.gap`.
 
     **Arguments, returns, raises:** as `lagrangian`.
 
@@ -29,5 +27,5 @@ def common_floor(
 
 @eqx.filter_jit
 def _common_floor(problem: Problem) -> Selection:
-    rate, _ = last_that_fits(by_shortfall(problem), problem, -jnp.inf)
+    rate, _ = last_that_fits(by_shortfall(problem), problem, 0.0)
     return selection(problem, rate, price(problem))

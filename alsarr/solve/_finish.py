@@ -24,7 +24,7 @@ def greedy_or_better(problem: Problem) -> Int[Array, " tiles"]:
     Its states are those of `by_ratio`, each better than the one before; it ends at the
     first that is followed by one that does not fit, this at any such.
     """
-    return last_that_fits(by_ratio(problem), problem, -jnp.inf)[0]
+    return last_that_fits(by_ratio(problem), problem, -jnp.inf, last_in_part=True)[0]
 
 
 def better_of(

@@ -1,8 +1,8 @@
 """Choices of rates that one threshold rules, and the last of them that fits a budget.
 
-The price of a pixel, the paper's ratio of quality to cost, and a floor of quality are
-such thresholds. What fits is found by bisection, since XLA sorts slowly. Rates are
-gone through one by one: terms along the tiles fuse into one loop, arrays do not.
+The price of a pixel, the paper's ratio of quality to cost, and a tolerated loss are
+such thresholds. What fits is found by bisection, since XLA sorts slowly. Rates are gone
+through one by one: terms along the tiles fuse into one loop, arrays do not.
 """
 
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ._problem import Problem
 
@@ -53,8 +53,10 @@ def by_price(problem: Problem) -> Rule:
     def rule(price: Float[Array, ""]) -> Choice:
         value = spent = jnp.zeros_like(tiles.gain[0])
         rate = cheapest
+        # Fused with the subtraction they would be rounded in one way or another.
+        prices = jax.lax.optimization_barrier([price * extra for extra in tiles.extra])
         for k, (more, extra) in enumerate(zip(*tiles, strict=True)):
-            each = more - price * extra
+            each = more - prices[k]
             better = each > value
             value = jnp.where(better, each, value)
             rate = jnp.where(better, k, rate)
@@ -71,15 +73,49 @@ def by_ratio(problem: Problem) -> Rule:
     rates the cheapest is taken.
     """
     tiles, cheapest = over_cheapest(problem), problem.cheapest
-    ratio = [q / c for q, c in zip(problem.quality.T, problem.cost.T, strict=True)]
-    ratio = jax.lax.optimization_barrier(ratio)
+    quality, cost = problem.quality.T, problem.cost.T
+    ratio = [q / c for q, c in zip(quality, cost, strict=True)]
+    gain = [
+        jnp.where(_has_cheaper_equal(quality, cost, k), -jnp.inf, more)
+        for k, more in enumerate(tiles.gain)
+    ]
+    ratio, gain = jax.lax.optimization_barrier((ratio, gain))
 
     def rule(least: Float[Array, ""]) -> Choice:
-        gain = spent = jnp.zeros_like(tiles.gain[0])
+        best = spent = jnp.zeros_like(gain[0])
         rate = cheapest
+        for k, (more, extra) in enumerate(zip(gain, tiles.extra, strict=True)):
+            better = (ratio[k] >= least) & (more > best)
+            rate = jnp.where(better, k, rate)
+            best = jnp.where(better, more, best)
+            spent = jnp.where(better, extra, spent)
+        return Choice(rate, spent)
+
+    return rule
+
+
+def _has_cheaper_equal(
+    quality: Float[Array, "rates tiles"], cost: Float[Array, "rates _"], k: int
+) -> Bool[Array, " tiles"]:
+    """Whether another rate is as good as rate `k` and costs less."""
+    found = jnp.zeros(quality.shape[1:], bool)
+    for i in range(len(quality)):
+        found |= (quality[i] == quality[k]) & (cost[i] < cost[k])
+    return found
+
+
+def by_shortfall(problem: Problem) -> Rule:
+    """The cheapest rate that falls short of its tile's best by no more. From 0."""
+    tiles, cheapest = over_cheapest(problem), problem.cheapest
+    best_of_all = jnp.max(problem.quality, axis=1)
+    short = jax.lax.optimization_barrier([best_of_all - q for q in problem.quality.T])
+
+    def rule(shortfall: Float[Array, ""]) -> Choice:
+        gain = jnp.zeros_like(best_of_all)
+        rate, spent = cheapest, jnp.full_like(gain, jnp.inf)
         for k, (more, extra) in enumerate(zip(*tiles, strict=True)):
-            better = (more > gain) | ((more == gain) & (extra < spent))
-            better &= ratio[k] >= least
+            better = (extra < spent) | ((extra == spent) & (more > gain))
+            better &= short[k] <= shortfall
             rate = jnp.where(better, k, rate)
             gain = jnp.where(better, more, gain)
             spent = jnp.where(better, extra, spent)
@@ -88,44 +124,15 @@ def by_ratio(problem: Problem) -> Rule:
     return rule
 
 
-def by_shortfall(problem: Problem) -> Rule:
-    """The cheapest rate whose quality reaches a floor, or else the best.
-
-    The threshold is the floor with its sign turned.
-    """
-    tiles, cheapest = over_cheapest(problem), problem.cheapest
-    quality = list(problem.quality.T)
-
-    def rule(shortfall: Float[Array, ""]) -> Choice:
-        best = rate = cheapest
-        highest = gain = jnp.zeros_like(tiles.gain[0])
-        dearest = highest
-        spent = jnp.full_like(gain, jnp.inf)
-        for k, (more, extra) in enumerate(zip(*tiles, strict=True)):
-            better = (more > highest) | ((more == highest) & (extra < dearest))
-            best = jnp.where(better, k, best)
-            highest = jnp.where(better, more, highest)
-            dearest = jnp.where(better, extra, dearest)
-            better = (extra < spent) | ((extra == spent) & (more > gain))
-            better &= quality[k] >= -shortfall
-            rate = jnp.where(better, k, rate)
-            gain = jnp.where(better, more, gain)
-            spent = jnp.where(better, extra, spent)
-        none = jnp.isinf(spent)
-        return Choice(jnp.where(none, best, rate), jnp.where(none, dearest, spent))
-
-    return rule
-
-
 def last_that_fits(
-    rule: Rule, problem: Problem, lowest: float
+    rule: Rule, problem: Problem, lowest: float, *, last_in_part: bool = False
 ) -> tuple[Int[Array, " tiles"], Float[Array, ""]]:
     """The dearest choice of a rule within the budget.
 
     The threshold is bisected among the floating-point numbers, from `lowest` up, until
     two neighbours are left, of which one fits. Tiles that the other one would change
-    follow one after another while they fit, and the first that does not has the best of
-    its rates that does.
+    follow one after another while they fit; the first that does not has, with
+    `last_in_part`, the best of its rates that does.
 
     **Returns:** the rates, and the threshold that fits.
     """
@@ -145,7 +152,7 @@ def last_that_fits(
     fits_not, fits = (jnp.where(everything, _ordered(unlimited), end) for end in ends)
     fits, rate = _that_fits(rule, problem, fits, highest)
     more = rule(_number(fits_not, dtype)).rate
-    return _one_by_one(problem, rate, more), _number(fits, dtype)
+    return _one_by_one(problem, rate, more, last_in_part), _number(fits, dtype)
 
 
 def _that_fits(
@@ -178,7 +185,10 @@ def _left(problem: Problem, rate: Int[Array, " tiles"]) -> Float[Array, ""]:
 
 
 def _one_by_one(
-    problem: Problem, rate: Int[Array, " tiles"], more: Int[Array, " tiles"]
+    problem: Problem,
+    rate: Int[Array, " tiles"],
+    more: Int[Array, " tiles"],
+    last_in_part: bool,
 ) -> Int[Array, " tiles"]:
     """Tiles change from one rate to a dearer one, in order, while the budget lasts."""
     cost = problem.cost.T
@@ -186,13 +196,14 @@ def _one_by_one(
     change = pick(cost, more) - pick(cost, rate)
     spent = jnp.cumsum(change)
     tile = jnp.arange(spent.size)
-    stop = jnp.min(jnp.where(spent > left, tile, spent.size - 1))
+    stop = jnp.min(jnp.where(spent > left, tile, spent.size))
     before = jnp.where(tile < stop, more, rate)
-
-    # The tile where the budget ends has the best that fits, which may be all of it.
-    own = rate[stop]
+    if not last_in_part:
+        return before
+    stop = jnp.minimum(stop, spent.size - 1)
+    own = before[stop]
     quality, cost = problem.quality[stop], problem.every_cost[stop]
-    affordable = cost - cost[own] <= left - (spent - change)[stop]
+    affordable = cost - cost[own] <= _left(problem, before)
     best = jnp.argmax(jnp.where(affordable, quality, -jnp.inf))
     better = affordable[best] & (quality[best] > quality[own])
     best = jnp.where(better, best, own)

@@ -14,15 +14,24 @@ GOLDEN = Path(__file__).parents[1] / "golden" / "knapsack_scifi.npz"
 
 
 @pytest.mark.parametrize(
-    "index, shortfall", [(0, 0.0360826), (1, 0.0146189), (2, 0.0038626)]
+    "solver, index, shortfall",
+    [
+        ("greedy", 0, 0.0360826),
+        ("greedy", 1, 0.0146189),
+        ("greedy", 2, 0.0038626),
+        ("lagrangian", 1, 0),
+        ("hull", 1, 0),
+        ("dynamic-programme", 0, 0),
+    ],
 )
-def test_golden_frame(tmp_path, index, shortfall):
+def test_golden_frame(tmp_path, capsys, solver, index, shortfall):
     golden = np.load(GOLDEN)
     np.savez(tmp_path / "q.npz", quality_jnd=golden["quality_jnd"], cost=golden["cost"])
     budget = golden["budget_fraction"][index]
     out = tmp_path / "r.npz"
     argv = ["solve", str(tmp_path / "q.npz"), "--budget", str(budget), "-o", str(out)]
-    assert main(argv) == 0
+    assert main([*argv, "--solver", solver]) == 0
+    assert "below the best choice" in capsys.readouterr().out
     chosen = np.load(out)
     rate = chosen["rate"]
     assert rate.shape == (8040,) and rate.dtype.kind == "i"
@@ -32,6 +41,7 @@ def test_golden_frame(tmp_path, index, shortfall):
     optimum = golden["optimum_jnd"][index]
     # DESIGN's 3.6, 1.5 and 0.39 %, with the digits that a transcription gives.
     np.testing.assert_allclose(1 - total / optimum, shortfall, atol=1e-6)
+    assert total + chosen["gap_jnd"] >= optimum * (1 - 1e-11)
 
 
 def good():
@@ -81,6 +91,16 @@ def test_damaged_file(tmp_path, capsys, damage):
     error = capsys.readouterr().err
     assert str(path) in error and error.count("\n") == 1
     assert not (tmp_path / "r.npz").exists()
+
+
+def test_price_of_a_pixel_is_the_default(tmp_path):
+    np.savez(tmp_path / "q.npz", **good())
+    command = ["solve", str(tmp_path / "q.npz"), "-o"]
+    assert main([*command, str(tmp_path / "a.npz")]) == 0
+    named = [*command, str(tmp_path / "b.npz"), "--solver", "lagrangian"]
+    assert main(named) == 0
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    assert main([*named, "--solver", "best"]) == 2
 
 
 @pytest.mark.parametrize("argv", [["--help"], ["run", "--help"], ["solve", "--help"]])
