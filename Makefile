@@ -26,6 +26,8 @@ bench: $(VENV)/bench.installed
 	$(BIN)/python tests/benchmarks/bench_fit.py
 	$(BIN)/python -m pytest tests/benchmarks/bench_model.py -p no:xdist
 	$(BIN)/python tests/benchmarks/bench_tables.py
+	$(BIN)/python tests/benchmarks/bench_control.py
+	$(BIN)/python tests/benchmarks/bench_sequences.py
 
 lint: $(VENV)/dev.installed
 	$(BIN)/ruff check .

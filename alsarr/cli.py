@@ -14,7 +14,10 @@ import typer
 from camojab import _command as command
 from camojab.cli import Constants, Encoding, Statement
 
+from ._compare_command import compare
 from ._export_command import export
+from ._preview_command import preview
+from ._refresh_command import refresh
 
 
 if TYPE_CHECKING:
@@ -30,11 +33,22 @@ else:
 app = typer.Typer(add_completion=False)
 tables_app = typer.Typer(add_completion=False)
 app.add_typer(tables_app, name="tables")
+app.command()(compare)
 app.command()(export)
+app.command()(preview)
+app.command()(refresh)
 
 Budget = Annotated[
     float,
     typer.Option(help="Share of the cost of full rate everywhere, in (0, 1]."),
+]
+
+Solver = Annotated[
+    Literal["lagrangian", "hull", "greedy", "dynamic-programme"],
+    typer.Option(
+        help="The price of a pixel; the same by hulls and a sort; the paper's "
+        "Algorithm 1; or the best there is, which takes seconds."
+    ),
 ]
 
 
@@ -78,13 +92,14 @@ def run(
         ),
     ] = "builtin",
     budget: Budget = 0.25,
+    solver: Solver = "greedy",
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder to write into.")
     ] = Path("out"),
     luminance: Annotated[
         float,
         typer.Option(
-            help="Luminance of the SciFi frame [cd/m^2]; its own was not published."
+            help="Luminance of the SciFi frame in cd/m^2; its own was not published."
         ),
     ] = 50.0,
     ppd: Annotated[
@@ -118,7 +133,7 @@ def run(
                 ppd=ppd, refresh_rate=refresh_rate, frame_luminance=luminance
             )
         progress("data", 1, 1)
-        outcome = job(inputs, output, budget=budget, progress=progress)
+        outcome = job(inputs, output, budget=budget, solver=solver, progress=progress)
     _print_outcome(inputs, outcome, output)
 
 
@@ -132,22 +147,25 @@ def solve(
         Path, typer.Option("-o", "--output", help="The NPZ file to write, whole.")
     ],
     budget: Budget = 0.25,
+    solver: Solver = "lagrangian",
 ) -> None:
-    """Choose a shading rate for every tile by the paper's greedy algorithm.
+    """Choose a shading rate for every tile.
 
     The seven rates are 4x4, 2x4, 4x2, 2x2, 1x2, 2x1, 1x1 (width x height of the
     coarse pixel). Written are rate (an index for each tile), quality_jnd and
-    cost (totals).
+    cost (totals), and gap_jnd, by how much a better choice could surpass this one
+    at the most.
     """
     with _usable():
         from ._rate_choice import choose, save_choice
 
         if output.is_dir():
             raise ValueError(f"{output}: must be a file to write, got a folder.")
-        chosen = choose(quality, budget)
+        chosen = choose(quality, budget, solver)
         save_choice(output, chosen)
     total = f"{float(chosen.quality):.6g} JND for a cost of {float(chosen.cost):g}"
-    print(f"{output}: {chosen.rate.size} tiles, {total}")
+    gap = f"at most {float(chosen.gap):.3g} JND below the best choice"
+    print(f"{output}: {chosen.rate.size} tiles, {total}, {gap}")
 
 
 @tables_app.callback(invoke_without_command=True)
@@ -307,6 +325,11 @@ def _print_outcome(inputs: "Inputs", outcome: "Outcome", output: Path) -> None:
         f"rate map: {chosen['quality_jnd']:.2f} JND over {chosen['tiles']} tiles for "
         f"{chosen['cost'] / chosen['full_cost']:.2%} of full cost (budget "
         f"{chosen['budget']:.2%}); {shares}"
+    )
+    print(
+        f"solver: {chosen['solver']}, at most {chosen['gap_jnd']:.3g} JND "
+        f"({chosen['gap_jnd'] / max(chosen['quality_jnd'], 1e-9):.2g} of it) below the "
+        "best map"
     )
     print(f"to quote: {outcome.quote}")
     done = ", ".join(outcome.computed) or "nothing, all is up to date"

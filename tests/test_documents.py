@@ -12,6 +12,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
+# They run in processes of their own, which know nothing of the lane.
+pytestmark = pytest.mark.float64
+
 
 def _blocks(page):
     return re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL)
@@ -25,7 +28,10 @@ def _cells(notebook):
 
 DOCUMENTS = {
     "README.md": _blocks(ROOT / "README.md"),
-    "precision.md": _blocks(ROOT / "notebooks" / "precision.md"),
+    **{
+        name: _blocks(ROOT / "notebooks" / name)
+        for name in ("precision.md", "controller.md")
+    },
     **{n.name: list(_cells(n)) for n in sorted(ROOT.glob("notebooks/*.ipynb"))},
 }
 

@@ -11,6 +11,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
+# They run in processes of their own, which know nothing of the lane.
+pytestmark = pytest.mark.float64
+
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):

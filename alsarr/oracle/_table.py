@@ -51,8 +51,11 @@ class TableOracle(AbstractQualityOracle, strict=True):
         every = jnp.arange(self.tables.num_textures)
         *buffers, rate = conditions
         # One condition for all: which is in the middle hardly depends on it.
-        middle = [jnp.broadcast_to(jnp.mean(x), every.shape) for x in buffers]
-        quality = self.tables.quality(every, *middle, rate)
+        mean = [jnp.broadcast_to(jnp.mean(x), every.shape) for x in buffers]
+        level, velocity_x, velocity_y, luminance = mean
+        quality = self.tables.quality(
+            every, level, velocity_x, velocity_y, luminance, rate
+        )
         held = self.tables.holds(every)
         gain = jnp.where(held, quality[:, -1] - quality[:, 0], jnp.inf)
         stand_in = jnp.argsort(gain)[(jnp.sum(held) - 1) // 2]

@@ -239,31 +239,23 @@ class QualityTables(AbstractTables, strict=True):
 
         NaN for a texture that does not occur.
         """
-        of = lambda *some: self._quality(*some, refresh_rate)
-        return in_blocks(of, texture, mip_level, velocity_x, velocity_y, luminance)
 
-    def _quality(
-        self,
-        texture: Int[Array, " some"],
-        mip_level: Float[Array, " some"],
-        velocity_x: Float[Array, " some"],
-        velocity_y: Float[Array, " some"],
-        luminance: Float[Array, " some"],
-        refresh_rate: Float[Array, ""],
-    ) -> Float[Array, "some 7"]:
-        entry = self.entry[texture, self._level(mip_level)]
-        velocity = jnp.stack([velocity_x, velocity_y], axis=1)[:, None, :]
-        at = Conditions(
-            velocity,
-            refresh_rate[None, None, None],
-            jnp.log10(jnp.clip(luminance, *self.domain.luminance))[:, None, None],
-        )
-        found = self.basis.evaluate(
-            self.coefficients[entry], clipped(at, self.domain), self.domain
-        )
-        x, y = _places(self.rates)
-        both = (found[:, x, 0] + found[:, y, 1]) / 2
-        return jnp.where(entry[:, None] < 0, jnp.nan, both)
+        def of(texture, mip_level, velocity_x, velocity_y, luminance):
+            entry = self.entry[texture, self._level(mip_level)]
+            velocity = jnp.stack([velocity_x, velocity_y], axis=1)[:, None, :]
+            at = Conditions(
+                velocity,
+                refresh_rate[None, None, None],
+                jnp.log10(jnp.clip(luminance, *self.domain.luminance))[:, None, None],
+            )
+            found = self.basis.evaluate(
+                self.coefficients[entry], clipped(at, self.domain), self.domain
+            )
+            x, y = _places(self.rates)
+            both = (found[:, x, 0] + found[:, y, 1]) / 2
+            return jnp.where(entry[:, None] < 0, jnp.nan, both)
+
+        return in_blocks(of, texture, mip_level, velocity_x, velocity_y, luminance)
 
     def outside(
         self,

@@ -148,14 +148,15 @@ def test_one_compilation_serves_every_frame_and_distilled_table(basis):
             expected = oracle.quality(slower, rate)
             np.testing.assert_allclose(got, expected, rtol=1e-5, atol=1e-6)
     absent = eqx.tree_at(lambda f: f.texture, frame, frame.texture * 0 + 1)
-    with pytest.raises(RuntimeError, match="`frame.texture` must be a texture of"):
-        compiled(oracle, absent, jnp.asarray(60.0))
+    assert np.isfinite(compiled(oracle, absent, jnp.asarray(60.0))).all()
 
 
-def test_a_texture_that_does_not_occur_is_an_error():
+def test_a_texture_that_does_not_occur_is_an_error_on_demand():
     frame, _ = small()
     frame = eqx.tree_at(lambda f: f.texture, frame, 2 * frame.texture)
-    oracle = TableOracle(distilled(Eq31()))
+    oracle = TableOracle(distilled(Eq31()), missing="error")
+    every = TableOracle(oracle.tables).quality(frame, 60)
+    np.testing.assert_array_equal(oracle.quality(frame, 60), every)
     for texture in (1, 3):
         wrong = eqx.tree_at(
             lambda f: f.texture, frame, frame.texture.at[1, 2].set(texture)
@@ -163,8 +164,81 @@ def test_a_texture_that_does_not_occur_is_an_error():
         rule = f"`frame.texture` must be a texture of the tables, .*, got {texture}"
         with pytest.raises(ValueError, match=rule):
             oracle.quality(wrong, 60)
-        with pytest.raises(ValueError, match=rule):
-            oracle.count_outside(wrong, 60)
+        # Three are outside as it is, and the last tile is one of them.
+        assert oracle.count_outside(wrong, 60) == 3
+        wrong = eqx.tree_at(
+            lambda f: f.texture, frame, frame.texture.at[0, 0].set(texture)
+        )
+        assert oracle.count_outside(wrong, 60) == 4
+
+
+def mean_condition(frame):
+    buffers = (frame.mip_level, frame.velocity_x, frame.velocity_y, frame.luminance)
+    return [np.mean(np.asarray(x)) for x in buffers]
+
+
+def gain_of(tables, texture, frame, refresh_rate):
+    """From 4x4 to 1x1 in the frame's mean condition."""
+    number = lambda x: jnp.asarray([x], float)
+    at = [number(x) for x in mean_condition(frame)]
+    quality = tables.quality(jnp.asarray([texture]), *at, number(refresh_rate)[0])
+    return float(quality[0, -1] - quality[0, 0])
+
+
+@pytest.mark.parametrize("refresh_rate", [40.0, 110.0])
+@pytest.mark.parametrize("held", [3, 4])
+def test_a_missing_texture_is_judged_as_the_median_one(held, refresh_rate):
+    frame, _ = small()
+    coefficients = np.random.default_rng(held).normal(size=(held, 12, 2, 10)) * 0.01
+    oracle = TableOracle(TablesJindal2021(coefficients, tuple("abcd"[:held])))
+    texture = np.array([[held, 1, 9], [held + 1, 0, 1]])
+    frame = eqx.tree_at(lambda f: f.texture, frame, jnp.asarray(texture, jnp.int32))
+    gains = [gain_of(oracle.tables, t, frame, refresh_rate) for t in range(held)]
+    # The middle of three, the lower middle of four.
+    stand_in = int(np.argsort(gains)[1])
+    got = oracle.quality(frame, refresh_rate)
+    known = np.where(texture < held, texture, stand_in)
+    as_known = eqx.tree_at(lambda f: f.texture, frame, jnp.asarray(known, jnp.int32))
+    np.testing.assert_array_equal(got, oracle.quality(as_known, refresh_rate))
+    # The last but one tile is too fast, and three have no table.
+    assert oracle.count_outside(as_known, refresh_rate) == 1
+    assert oracle.count_outside(frame, refresh_rate) == 4
+    # Another stand-in would have been told apart.
+    assert len({round(gain, 6) for gain in gains}) == held
+    with pytest.raises(ValueError, match=f"which know {held}, got {held}"):
+        TableOracle(oracle.tables, missing="error").quality(frame, refresh_rate)
+
+
+def test_the_stand_in_is_one_that_occurs():
+    """Of "a" and "c", since "b" has no table; the one that gains less."""
+    frame, _ = small()
+    oracle = TableOracle(distilled(Eq31()))
+    frame = eqx.tree_at(lambda f: f.texture, frame, 2 * frame.texture)
+    gains = {t: gain_of(oracle.tables, t, frame, 60.0) for t in (0, 2)}
+    stand_in = min(gains, key=gains.__getitem__)
+    for missing in (1, 3):
+        some = frame.texture.at[0, 1].set(missing)
+        got = oracle.quality(eqx.tree_at(lambda f: f.texture, frame, some), 60)
+        known = frame.texture.at[0, 1].set(stand_in)
+        expected = oracle.quality(eqx.tree_at(lambda f: f.texture, frame, known), 60)
+        np.testing.assert_array_equal(got, expected)
+
+
+def test_the_nearest_mip_level_is_taken_and_counted():
+    """Tables have levels 0 and 2, and 3 rounds to neither; half way is the finer."""
+    frame, _ = small()
+    frame = eqx.tree_at(lambda f: f.texture, frame, 0 * frame.texture)
+    calm = eqx.tree_at(lambda f: f.velocity_x, frame, 0 * frame.velocity_x)
+    oracle = TableOracle(distilled(Eq31()))
+    at = lambda level: eqx.tree_at(
+        lambda f: f.mip_level, calm, jnp.asarray(level, float).reshape(2, 3)
+    )
+    got = oracle.quality(at([0, 1, 1.25, 2.5, 2.75, 9]), 60)
+    np.testing.assert_array_equal(got, oracle.quality(at([0, 0, 2, 2, 2, 2]), 60))
+    assert np.any(got[0] != oracle.quality(at([2] * 6), 60)[0])
+    # 2.5 still rounds to 2, the two beyond it do not.
+    assert oracle.count_outside(at([0, 1, 1.25, 2.5, 2.75, 9]), 60) == 2
+    assert oracle.count_outside(at([0, 0, 2, 2, 2, 2]), 60) == 0
 
 
 def test_tiles_outside_of_distilled_tables_are_counted():
@@ -228,19 +302,17 @@ def test_one_compilation_serves_every_frame_and_table():
             got = compiled(oracle, each, jnp.asarray(rate))
             expected = oracle.quality(each, rate)
             np.testing.assert_allclose(got, expected, rtol=1e-5)
+    strict = TableOracle(oracle.tables, missing="error")
+    unknown = eqx.tree_at(lambda f: f.texture, frame, frame.texture + 1)
     with pytest.raises(RuntimeError, match="`frame.texture` must be a texture of"):
-        compiled(
-            oracle,
-            eqx.tree_at(lambda f: f.texture, frame, frame.texture + 1),
-            jnp.asarray(60.0),
-        )
+        eqx.filter_jit(TableOracle.quality)(strict, unknown, jnp.asarray(60.0))
 
 
 def test_what_cannot_be_judged_is_named():
     frame, oracle = small()
     unknown = eqx.tree_at(lambda f: f.texture, frame, frame.texture + 1)
     with pytest.raises(ValueError, match="of the tables, which know 2, got 2"):
-        oracle.quality(unknown, 60)
+        TableOracle(oracle.tables, missing="error").quality(unknown, 60)
     with pytest.raises(
         ValueError, match="`refresh_rate` must be > 0 Hz and finite, got 0"
     ):

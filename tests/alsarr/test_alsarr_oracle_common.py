@@ -1,5 +1,7 @@
 """What all oracles share, and those that do not look at what the tiles show."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -89,6 +91,18 @@ def test_a_refresh_rate_must_be_a_positive_number(name, wrong):
         ORACLES[name][0].quality(FRAMES[0], jnp.ones(2))
 
 
+@pytest.mark.parametrize("name", ORACLES)
+def test_what_an_oracle_does_not_know_is_counted(name):
+    """Of these the tables alone know less than everything."""
+    oracle, frame = ORACLES[name][0], FRAMES[0]
+    texture = frame.texture.at[0, 1].set(7).at[1, 1].set(8)
+    unknown = eqx.tree_at(lambda f: f.texture, frame, texture)
+    for one, expected in ((frame, 0), (unknown, 2)):
+        got = oracle.count_outside(one, RATES_HZ[0])
+        assert got.shape == () and jnp.issubdtype(got.dtype, jnp.integer)
+        assert got == (expected if name == "table" else 0)
+
+
 def test_every_oracle_is_one_of_the_class():
     kinds = [getattr(alsarr.oracle, name) for name in dir(alsarr.oracle)]
     kinds = [k for k in kinds if isinstance(k, type)]
@@ -101,8 +115,22 @@ def test_an_oracle_of_ones_own_needs_a_unit():
         def quality(self, frame, refresh_rate):
             return jnp.zeros((frame.texture.size, 7))
 
+        def count_outside(self, frame, refresh_rate):
+            return jnp.zeros((), int)
+
     with pytest.raises(TypeError, match="abstract"):
         Nameless()  # pyright: ignore[reportAbstractUsage]
+
+
+def test_an_oracle_of_ones_own_must_say_what_it_does_not_know():
+    class Careless(AbstractQualityOracle, strict=True):
+        unit: ClassVar[str] = "JND"
+
+        def quality(self, frame, refresh_rate):
+            return jnp.zeros((frame.texture.size, 7))
+
+    with pytest.raises(TypeError, match="count_outside"):
+        Careless()  # pyright: ignore[reportAbstractUsage]
 
 
 def test_marrr_is_that_of_the_mean_speed():

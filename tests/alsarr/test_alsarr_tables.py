@@ -173,6 +173,25 @@ def test_separable_tables_take_the_side_along_the_motion():
     )
 
 
+@pytest.mark.parametrize("tiles", [8192 + 5, 2 * 8192])
+def test_more_tiles_than_a_block_are_the_same_as_some_at_a_time(tiles):
+    """Tiles all differ, so none can take the place of another."""
+    table, rng = tables(), np.random.default_rng(tiles)
+    texture = jnp.asarray(rng.integers(0, 2, tiles))
+    ends = ((0, 4), (0, 50), (0, 50), (0.1, 300))
+    given = [jnp.asarray(rng.uniform(*end, tiles), float) for end in ends]
+    got = table.quality(texture, *given, hertz(60))
+    parts = [
+        table.quality(texture[part], *(x[part] for x in given), hertz(60))
+        for part in (slice(i, i + 4096) for i in range(0, tiles, 4096))
+    ]
+    # Blocks are compiled, and may round what is done step by step otherwise.
+    np.testing.assert_allclose(
+        got, jnp.concatenate(parts), rtol=TOLERANCE, atol=TOLERANCE
+    )
+    assert len(np.unique(np.asarray(got), axis=0)) == tiles
+
+
 def test_conditions_outside_are_told_apart():
     table = tables()
     of = lambda rate=60.0, **given: table.outside(
