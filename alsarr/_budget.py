@@ -27,6 +27,11 @@ class AbstractCost(eqx.Module, strict=True):
 
     unit: AbstractClassVar[str]
 
+    @property
+    @abstractmethod
+    def shared(self) -> bool:
+        """Whether all tiles cost alike, which solvers make use of."""
+
     @abstractmethod
     def of(self, frame: Frame) -> Float[Array, "tiles 7"]:
         """Costs in `unit`, > 0; tiles row by row, rates in the order of `RATES`."""
@@ -51,6 +56,11 @@ class PixelCost(AbstractCost, strict=True):
             raise ValueError(
                 f"`size_px` must be a width and a height >= 1 px, got {self.size_px}."
             )
+
+    @property
+    def shared(self) -> bool:
+        """See `AbstractCost.shared`."""
+        return self.size_px is None
 
     def of(self, frame: Frame) -> Float[Array, "tiles 7"]:
         """See `AbstractCost.of`."""
@@ -90,6 +100,11 @@ class MeasuredCost(AbstractCost, strict=True):
             )
         self.milliseconds = times
 
+    @property
+    def shared(self) -> bool:
+        """See `AbstractCost.shared`."""
+        return False
+
     def of(self, frame: Frame) -> Float[Array, "tiles 7"]:
         """See `AbstractCost.of`."""
         known = self.milliseconds.shape[0]
@@ -117,6 +132,11 @@ class TileCost(AbstractCost, strict=True):
             raise ValueError(
                 f"`cost` must have shape [tiles, {len(RATES)}], got {self.cost.shape}."
             )
+
+    @property
+    def shared(self) -> bool:
+        """See `AbstractCost.shared`."""
+        return False
 
     def of(self, frame: Frame) -> Float[Array, "tiles 7"]:
         """See `AbstractCost.of`."""

@@ -253,7 +253,8 @@ def _at(
     # What every rate would lose cancels first, or it would take digits of the rest.
     priced = same(controller.rate_change) * over_coarsest(changes)
     gain = over_coarsest(quality) - priced
-    found = controller.solver(gain, cost, budget, throw=False)
+    each = cost[0] if controller.cost.shared else cost
+    found = controller.solver(gain, each, budget, throw=False)
 
     chosen = jnp.take_along_axis(quality, found.rate[:, None], axis=1)[:, 0]
     # Of differences, since totals would lose them to rounding.

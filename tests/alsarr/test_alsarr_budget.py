@@ -221,3 +221,9 @@ def test_costs_map_over_frames():
     np.testing.assert_array_equal(got[1], np.tile(TIMES[1], (6, 1)))
     whole = jax.vmap(PixelCost().of)(frames)
     np.testing.assert_array_equal(whole, np.broadcast_to(PIXELS, (2, 6, len(RATES))))
+
+
+def test_tiles_cost_alike_only_where_nothing_tells_them_apart():
+    assert PixelCost().shared and not PixelCost((35, 20)).shared
+    assert not MeasuredCost(TIMES).shared
+    assert not TileCost(np.ones((6, 7))).shared
