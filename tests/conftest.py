@@ -39,6 +39,13 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(skip)
 
 
+@pytest.fixture(autouse=True, scope="module")
+def compiled_code_is_let_go():
+    """Every compiled function maps memory, and a process may not map without end."""
+    yield
+    jax.clear_caches()
+
+
 @functools.cache
 def _why_missing(name):
     from camojab.datasets import fetch, MissingData
