@@ -16,7 +16,6 @@ from ._controller import (
     Binding as Binding,
     Controller as Controller,
     Decision as Decision,
-    mean_velocity as mean_velocity,
 )
 from ._frame import (
     DEFAULT_LUMINANCE as DEFAULT_LUMINANCE,
@@ -24,6 +23,7 @@ from ._frame import (
     frame_from_exr as frame_from_exr,
     frame_from_jindal2021 as frame_from_jindal2021,
     load_frame as load_frame,
+    mean_velocity as mean_velocity,
     procedural_frame as procedural_frame,
     save_frame as save_frame,
     tile_luminance as tile_luminance,

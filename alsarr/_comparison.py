@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 from camojab import Display, Spectrum
 
 from ._budget import Budget
-from ._controller import Controller, Decision, mean_velocity, Solver
-from ._frame import Frame
+from ._controller import Controller, Decision, Solver
+from ._frame import Frame, mean_velocity
 from ._joint import joint_refresh, JointRefresh
 from ._rates import RATES, TILE
 from ._refresh import (
@@ -31,7 +31,7 @@ from .oracle import (
     Yang2019Oracle,
 )
 from .solve import (
-    common_floor,
+    common_threshold,
     dynamic_programme,
     greedy_jindal2021,
     hull,
@@ -288,7 +288,7 @@ def methods(
             ("NAS", Yang2019Oracle(ppd=setting.ppd)),
             ("FidelityFX", FidelityFxOracle(ppd=setting.ppd)),
         ):
-            found.append(Method(name, oracle, common_floor))
+            found.append(Method(name, oracle, common_threshold))
             found.append(Method(f"{name} knapsack", oracle))
     oracle = Denes2020Oracle(ppd=setting.ppd, persistence=setting.persistence)
     return [*found, Method("MARRR", oracle, uniform, marrr)]

@@ -12,7 +12,7 @@ from camojab import Display, Spectrum
 from camojab._errors import check
 
 from ._budget import AbstractCost, Budget, PixelCost
-from ._frame import Frame
+from ._frame import Frame, mean_velocity
 from ._joint import JointRefresh
 from ._rates import RATES
 from ._refresh import RefreshTable
@@ -154,6 +154,13 @@ class Controller(eqx.Module, strict=True):
             return self.display.refresh_rate[None]
         return self.refresh.candidates
 
+    @property
+    def highest_refresh_rate(self) -> Float[Array, ""]:
+        """That a budget which is a share is a share of. [Hz]"""
+        if isinstance(self.refresh, RefreshTable):
+            return self.refresh.highest
+        return self.candidates[-1]
+
     def __call__(self, frame: Frame, previous: Decision | None = None) -> Decision:
         """**Arguments:** `previous`: the decision for the frame before this."""
         if previous is None:
@@ -244,7 +251,7 @@ def _at(
     quality = controller.oracle.quality(frame, refresh_rate)
     same = lambda x: x.astype(quality.dtype)
     cost = same(controller.cost.of(frame))
-    highest = controller.candidates[-1]
+    highest = controller.highest_refresh_rate
     budget = same(controller.budget.of_frame(cost, same(refresh_rate), same(highest)))
     before = rate_before.ravel()
     changes = same(jnp.arange(len(RATES))[None] != before[:, None])
@@ -290,11 +297,6 @@ def _binding(
     nothing, by_budget, coarsest = (jnp.asarray(b, int) for b in Binding)
     wanted = jnp.where(jnp.sum(least) <= budget, nothing, by_budget)
     return jnp.where(feasible, wanted, coarsest)
-
-
-def mean_velocity(frame: Frame) -> Float[Array, ""]:
-    """Average speed over the tiles (Jindal et al. 2021, Section 5.2). [deg/s]"""
-    return jnp.mean(jnp.hypot(frame.velocity_x, frame.velocity_y))
 
 
 @eqx.filter_jit

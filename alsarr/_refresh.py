@@ -58,6 +58,8 @@ class RefreshTable(eqx.Module, strict=True):
     - `candidate_resolution`: resolution of both axes that the budget leaves at each.
         [1], in [1/4, 1]
     - `candidate_quality`: quality of each for each velocity. [JND]
+    - `highest`: of the refresh rates that were asked for, those included that not even
+        4x4 everywhere leaves within the budget. [Hz]
     - `pixels_per_second`: the budget. [px/s]
     """
 
@@ -68,6 +70,7 @@ class RefreshTable(eqx.Module, strict=True):
     candidates: Float[Array, " rates"]
     candidate_resolution: Float[Array, " rates"]
     candidate_quality: Float[Array, "velocities rates"]
+    highest: Float[Array, ""]
     pixels_per_second: Float[Array, ""]
 
     UNITS: ClassVar[dict[str, str]] = {
@@ -206,6 +209,7 @@ class _Entries(NamedTuple):
     velocity: Float[np.ndarray, " velocities"]
     refresh_rate: Float[np.ndarray, " rates"]
     resolution: Float[np.ndarray, " rates"]
+    highest: float
     pixels_per_second: float | int
 
     @classmethod
@@ -220,7 +224,7 @@ class _Entries(NamedTuple):
         rates = sorted_numbers("refresh_rates", refresh_rates, positive, "> 0 Hz")
         speeds = sorted_numbers("velocities", velocities, not_negative, ">= 0 deg/s")
         affordable = _affordable(rates, pixels_per_second, resolution_px)
-        return cls(speeds, *affordable, pixels_per_second)
+        return cls(speeds, *affordable, float(rates[-1]), pixels_per_second)
 
     def display(
         self, ppd: ArrayLike, luminance: ArrayLike, persistence: ArrayLike
@@ -255,6 +259,7 @@ class _Entries(NamedTuple):
             candidates=rates,
             candidate_resolution=resolution,
             candidate_quality=found,
+            highest=same(self.highest),
             pixels_per_second=same(self.pixels_per_second),
         )
 

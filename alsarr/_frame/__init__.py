@@ -1,6 +1,6 @@
 """Frames, what is seen in each 16x16 tile and how it moves, and where they are from."""
 
-from ._buffers import Frame as Frame
+from ._buffers import Frame as Frame, mean_velocity as mean_velocity
 from ._exr import frame_from_exr as frame_from_exr
 from ._file import load_frame as load_frame, save_frame as save_frame
 from ._luminance import (

@@ -1,5 +1,6 @@
 """A G-buffer at tile resolution: what is seen in each 16x16 tile, and how it moves."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import equinox as eqx
@@ -7,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from camojab._errors import check
+from camojab._math import safe_hypot
 
 from .._picture import checked_picture
 from .._rates import TILE
@@ -33,6 +35,9 @@ class Frame(eqx.Module, strict=True):
         oracles that look at pixels: [height, width, 3] of any height and width that
         make as many tiles, the last of them cut by the edge or not. [1], in [0, 1];
         integers count from 0 to the largest value of their type.
+    - `channels`: buffers of the renderer by name, such as `alsarr.capture.CHANNELS`
+        lists them, for the oracles that read them: each [height, width], of any height
+        and width that make as many tiles. Finite.
 
     **Raises:** `ValueError` for a shape that differs from that of `texture`, a texture
     index that is no whole number, and a value that is out of range or not finite; under
@@ -45,6 +50,7 @@ class Frame(eqx.Module, strict=True):
     velocity_y: Float[Array, "rows columns"]
     luminance: Float[Array, "rows columns"]
     previous_image: Float[Array, "height width 3"] | None
+    channels: dict[str, Float[Array, "height width"]] | None
 
     UNITS: ClassVar[dict[str, str]] = {
         "texture": "index",
@@ -63,6 +69,7 @@ class Frame(eqx.Module, strict=True):
         velocity_y: ArrayLike,
         luminance: ArrayLike | None = None,
         previous_image: ArrayLike | None = None,
+        channels: Mapping[str, ArrayLike] | None = None,
     ):
         if luminance is None:
             luminance = default_luminance()
@@ -73,6 +80,7 @@ class Frame(eqx.Module, strict=True):
         self.velocity_y = _per_tile("velocity_y", velocity_y, shape)
         self.luminance = _per_tile("luminance", luminance, shape)
         self.previous_image = _previous(previous_image, shape)
+        self.channels = _channels(channels, shape)
 
     @classmethod
     def from_degrees(
@@ -84,6 +92,7 @@ class Frame(eqx.Module, strict=True):
         motion_y: ArrayLike,
         luminance: ArrayLike | None = None,
         previous_image: ArrayLike | None = None,
+        channels: Mapping[str, ArrayLike] | None = None,
     ) -> "Frame":
         """From signed motion in degrees per second; only its magnitude is kept."""
         return cls(
@@ -93,6 +102,7 @@ class Frame(eqx.Module, strict=True):
             velocity_y=jnp.abs(jnp.asarray(motion_y)),
             luminance=luminance,
             previous_image=previous_image,
+            channels=channels,
         )
 
     @classmethod
@@ -108,6 +118,7 @@ class Frame(eqx.Module, strict=True):
         resolution_px: tuple[int, int] | None = None,
         luminance: ArrayLike | None = None,
         previous_image: ArrayLike | None = None,
+        channels: Mapping[str, ArrayLike] | None = None,
     ) -> "Frame":
         """From motion vectors in pixels per frame; only their magnitude is kept.
 
@@ -130,6 +141,7 @@ class Frame(eqx.Module, strict=True):
             motion_y=motion_y * speed,
             luminance=luminance,
             previous_image=previous_image,
+            channels=channels,
         )
 
     @classmethod
@@ -145,6 +157,7 @@ class Frame(eqx.Module, strict=True):
         refresh_rate: ArrayLike,
         luminance: ArrayLike | None = None,
         previous_image: ArrayLike | None = None,
+        channels: Mapping[str, ArrayLike] | None = None,
     ) -> "Frame":
         """From motion in shares of the picture's width and height per frame.
 
@@ -163,6 +176,7 @@ class Frame(eqx.Module, strict=True):
             refresh_rate=refresh_rate,
             luminance=luminance,
             previous_image=previous_image,
+            channels=channels,
         )
 
     @property
@@ -170,6 +184,11 @@ class Frame(eqx.Module, strict=True):
         """Rows and columns of the rate map."""
         rows, columns = self.texture.shape
         return rows, columns
+
+
+def mean_velocity(frame: Frame) -> Float[Array, ""]:
+    """Average speed over the tiles (Jindal et al. 2021, Section 5.2). [deg/s]"""
+    return jnp.mean(safe_hypot(frame.velocity_x, frame.velocity_y))
 
 
 def _positive(x: Array) -> Array:
@@ -231,10 +250,33 @@ def _previous(image: ArrayLike | None, shape: tuple[int, ...]) -> Array | None:
         return None
     checked = checked_picture("previous_image", image)
     height, width, _ = checked.shape
+    _same_tiles("previous_image", height, width, shape)
+    return checked
+
+
+def _channels(
+    channels: Mapping[str, ArrayLike] | None, shape: tuple[int, ...]
+) -> dict[str, Array] | None:
+    if channels is None:
+        return None
+    return {name: _channel(name, x, shape) for name, x in channels.items()}
+
+
+def _channel(name: str, x: ArrayLike, shape: tuple[int, ...]) -> Array:
+    of = f'channels["{name}"]'
+    x = check(of, _default_float(x), jnp.isfinite, "finite")
+    if x.ndim != 2 or x.size == 0:
+        raise ValueError(
+            f"`{of}` must have shape [height, width], none of them 0, got {x.shape}."
+        )
+    _same_tiles(of, *x.shape, shape)
+    return x
+
+
+def _same_tiles(name: str, height: int, width: int, shape: tuple[int, ...]) -> None:
     tiles = -(-height // TILE), -(-width // TILE)
     if tiles != shape:
         raise ValueError(
-            f"`previous_image` must have the tiles of `texture`, {shape}, got {tiles}, "
+            f"`{name}` must have the tiles of `texture`, {shape}, got {tiles}, "
             f"those of {width} x {height} px."
         )
-    return checked

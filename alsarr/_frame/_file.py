@@ -12,6 +12,8 @@ from ._buffers import Frame
 
 
 _OPTIONAL = ("luminance", "previous_image")
+# Before the name of a buffer that is one of `Frame.channels`.
+_CHANNEL = "channels/"
 
 
 def save_frame(path: str | Path, frame: Frame) -> None:
@@ -19,6 +21,8 @@ def save_frame(path: str | Path, frame: Frame) -> None:
     arrays: dict[str, Any] = {n: np.asarray(getattr(frame, n)) for n in Frame.UNITS}
     if frame.previous_image is not None:
         arrays["previous_image"] = np.asarray(frame.previous_image)
+    for name, channel in (frame.channels or {}).items():
+        arrays[_CHANNEL + name] = np.asarray(channel)
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
@@ -26,7 +30,8 @@ def save_frame(path: str | Path, frame: Frame) -> None:
 def load_frame(path: str | Path) -> Frame:
     """Read a frame that `save_frame` wrote, or any NPZ file with the same arrays.
 
-    `luminance` and `previous_image` may be missing, as they may for `Frame`.
+    `luminance` and `previous_image` may be missing, as they may for `Frame`, and what
+    is called `channels/NAME` is the channel of that name.
 
     **Raises:** `ValueError` naming the file if it is no NPZ file or lacks an array;
     `FileNotFoundError`; and as `Frame`. Nothing in the file is executed.
@@ -40,10 +45,15 @@ def load_frame(path: str | Path) -> Frame:
             found = [name for name in names if name in stored.files]
             missing = [n for n in names if n not in found and n not in _OPTIONAL]
             arrays = {name: stored[name] for name in found if not missing}
+            channels = {
+                name.removeprefix(_CHANNEL): stored[name]
+                for name in stored.files
+                if name.startswith(_CHANNEL)
+            }
         except DAMAGED as error:
             raise ValueError(
                 f"{path}: holds something else than whole, plain arrays."
             ) from error
     if missing:
         raise ValueError(f"{path}: lacks the arrays {', '.join(missing)}.")
-    return Frame(**arrays)
+    return Frame(**arrays, channels=channels or None)

@@ -7,10 +7,9 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from camojab import Display, Shading, Viewing
 from camojab._errors import check
-from camojab._math import safe_hypot
 from camojab.baselines import Denes2020, quality_denes2020
 
-from .._frame import Frame
+from .._frame import Frame, mean_velocity
 from .._rates import RATES
 from ._base import AbstractQualityOracle
 from ._checks import checked_refresh_rate, positive
@@ -59,7 +58,8 @@ class Denes2020Oracle(AbstractQualityOracle, strict=True):
         Every row is the same.
         """
         rate = checked_refresh_rate(refresh_rate)
-        return _quality(self, frame.velocity_x, frame.velocity_y, rate)
+        row = _quality(self, mean_velocity(frame), rate)
+        return jnp.broadcast_to(row, (frame.texture.size, len(RATES)))
 
     def count_outside(self, frame: Frame, refresh_rate: ArrayLike) -> Int[Array, ""]:
         """See `AbstractQualityOracle.count_outside`."""
@@ -69,11 +69,9 @@ class Denes2020Oracle(AbstractQualityOracle, strict=True):
 @eqx.filter_jit
 def _quality(
     oracle: Denes2020Oracle,
-    velocity_x: Float[Array, "rows columns"],
-    velocity_y: Float[Array, "rows columns"],
+    speed: Float[Array, ""],
     refresh_rate: Float[Array, ""],
-) -> Float[Array, "tiles 7"]:
-    speed = jnp.mean(safe_hypot(velocity_x, velocity_y))
+) -> Float[Array, "7"]:
     # The model's constants hold for 100 cd/m^2 and it does not look at another.
     display = Display(
         ppd=oracle.ppd,
@@ -83,5 +81,4 @@ def _quality(
     )
     side = jnp.asarray(np.sqrt(RATES.resolution.prod(axis=1)), speed.dtype)
     shading = Shading(rate_x=side, rate_y=side)
-    row = quality_denes2020(display, Viewing(speed), shading, oracle.constants)
-    return jnp.broadcast_to(row, (velocity_x.size, len(RATES)))
+    return quality_denes2020(display, Viewing(speed), shading, oracle.constants)

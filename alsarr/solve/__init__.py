@@ -1,6 +1,6 @@
 """Which shading rate every tile gets: solvers of the multiple-choice knapsack."""
 
-from ._common_floor import common_floor as common_floor
+from ._common_threshold import common_threshold as common_threshold
 from ._dynamic_programme import dynamic_programme as dynamic_programme
 from ._greedy import greedy_jindal2021 as greedy_jindal2021
 from ._hull import hull as hull

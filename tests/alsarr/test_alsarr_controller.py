@@ -32,7 +32,7 @@ from alsarr.oracle import (
     UniformOracle,
 )
 from alsarr.solve import (
-    common_floor,
+    common_threshold,
     dynamic_programme,
     greedy_jindal2021,
     hull,
@@ -134,6 +134,7 @@ def table(refresh_rate=(128.0, 64.0, 32.0), candidates=CANDIDATES):
         candidates=number(candidates),
         candidate_resolution=jnp.ones(rates),
         candidate_quality=jnp.zeros((many, rates)),
+        highest=number(max(candidates)),
         pixels_per_second=number(1.0),
     )
 
@@ -191,7 +192,9 @@ def best_total(values, budget, cost=COST):
     return values[tile, MAPS].sum(axis=1)[fits].max()
 
 
-@pytest.mark.parametrize("solver", [lagrangian, hull, greedy_jindal2021, common_floor])
+@pytest.mark.parametrize(
+    "solver", [lagrangian, hull, greedy_jindal2021, common_threshold]
+)
 def test_no_map_is_better_than_the_gap_says(solver):
     control, budget, gaps = controller(solver=solver), 0.3 * 6 * 256, []
     for frame in FRAMES[:6]:
@@ -311,6 +314,14 @@ def test_two_stages_take_the_refresh_rate_that_is_looked_up():
 def moving_at(frame, of=MOVING):
     speed = float(mean_velocity(frame))
     return np.array([np.interp(speed, [0, 16], column) for column in of.T])
+
+
+def test_a_share_counts_at_the_highest_rate_that_was_asked_for():
+    # 256 Hz was asked for and left out, since the budget does not even buy 4x4 there.
+    kept = table(refresh_rate=(64.0, 64.0, 64.0))
+    dropped = eqx.tree_at(lambda t: t.highest, kept, 2 * kept.highest)
+    spent = [controller(0.3, refresh=t)(FRAMES[0]).budget for t in (kept, dropped)]
+    np.testing.assert_allclose(spent[1], 2 * spent[0], rtol=1e-6)
 
 
 def test_joint_choice_is_the_best_of_all_candidates_one_by_one():

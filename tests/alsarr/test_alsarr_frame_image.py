@@ -84,6 +84,36 @@ def test_a_picture_is_part_of_the_file(tmp_path):
         assert set(stored.files) == set(Frame.UNITS)
 
 
+def buffers(height=40, width=20, seed=0):
+    random = np.random.default_rng(seed)
+    return {"seen": random.random((height, width)), "normal_z": -np.ones((48, 32))}
+
+
+def test_channels_are_kept_by_name_and_part_of_the_file(tmp_path):
+    given_frame = frame(channels=buffers())
+    assert given_frame.channels.keys() == {"seen", "normal_z"}
+    np.testing.assert_allclose(given_frame.channels["seen"], buffers()["seen"], 1e-6)
+    save_frame(tmp_path / "frame.npz", given_frame)
+    assert eqx.tree_equal(load_frame(tmp_path / "frame.npz"), given_frame)
+
+
+@pytest.mark.parametrize(
+    "channel, message",
+    [
+        (
+            np.ones((32, 32)),
+            r"must have the tiles of `texture`, \(3, 2\), got \(2, 2\)",
+        ),
+        (np.ones((48, 32, 1)), r"shape \[height, width\], .* got \(48, 32, 1\)"),
+        (np.ones((0, 0)), "none of them 0"),
+        (np.full((48, 32), np.inf), "must be finite, got inf"),
+    ],
+)
+def test_channels_that_do_not_fit_are_refused(channel, message):
+    with pytest.raises(ValueError, match=r'`channels\["depth"\]` .*' + message):
+        frame(channels={"depth": channel})
+
+
 def test_luminance_left_out_has_a_default_and_a_warning(tmp_path):
     message = r"`luminance` was not given and is taken as 50 cd/m\^2"
     tiles = {"texture": np.zeros(SHAPE, int), "mip_level": 0}

@@ -90,9 +90,9 @@ def test_every_entry_is_the_best_of_all_candidates(spectrum, exact):
 
 
 def test_order_and_repetition_do_not_matter(spectrum, exact):
-    other = table(
-        spectrum, refresh_rates=RATES[::-1] + RATES[:2], velocities=(60, 0, 20, 4, 4)
-    )
+    rates = (150.0, *RATES[::-1], *RATES[:2])
+    other = table(spectrum, refresh_rates=rates, velocities=(60, 0, 20, 4, 4))
+    assert float(exact.highest) == 150
     assert eqx.tree_equal(other, exact)
 
 
@@ -185,6 +185,7 @@ def made(velocity):
         candidates=jnp.ones(1),
         candidate_resolution=jnp.ones(1),
         candidate_quality=jnp.zeros((n, 1)),
+        highest=jnp.asarray(1.0),
         pixels_per_second=jnp.asarray(1.0),
     )
 

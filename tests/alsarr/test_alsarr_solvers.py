@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from alsarr import RATES
-from alsarr.solve import common_floor, greedy_jindal2021, hull, lagrangian, uniform
+from alsarr.solve import common_threshold, greedy_jindal2021, hull, lagrangian, uniform
 
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "knapsack_scifi.npz"
 
-SOLVERS = [lagrangian, hull, common_floor, uniform]
+SOLVERS = [lagrangian, hull, common_threshold, uniform]
 BEST = [lagrangian, hull]
 
 
@@ -211,7 +211,7 @@ def test_no_tile_loses_more_while_another_loses_less():
     tiles, cost = np.arange(20), RATES.cost.astype(float)
     loss = quality.max(axis=1, keepdims=True) - quality
     for budget in (750.0, 1500.0, 3000.0):
-        found = common_floor(quality, cost, budget)
+        found = common_threshold(quality, cost, budget)
         expected = smallest_tolerance(loss, cost, budget)
         # Tiles that lose just what is tolerated are served until the budget ends.
         assert np.all(loss[tiles, found.rate] <= loss[tiles, expected])

@@ -7,7 +7,7 @@ from ._selection import Selection
 from ._threshold import by_shortfall, last_that_fits
 
 
-def common_floor(
+def common_threshold(
     quality: ArrayLike, cost: ArrayLike, budget: ArrayLike, *, throw: bool = True
 ) -> Selection:
     """The cheapest rate of each tile that loses no more than is tolerated of all.
@@ -22,10 +22,10 @@ def common_floor(
     **Source:** Yang et al. (2019), Proc. ACM Comput. Graph. Interact. Tech. 2(1),
     Eq. 16, with the threshold as the unknown.
     """
-    return _common_floor(checked(quality, cost, budget, throw=throw))
+    return _common_threshold(checked(quality, cost, budget, throw=throw))
 
 
 @eqx.filter_jit
-def _common_floor(problem: Problem) -> Selection:
+def _common_threshold(problem: Problem) -> Selection:
     rate, _ = last_that_fits(by_shortfall(problem), problem, 0.0)
     return selection(problem, rate, price(problem))
