@@ -269,7 +269,8 @@ def _channel(name: str, x: ArrayLike, shape: tuple[int, ...]) -> Array:
         raise ValueError(
             f"`{of}` must have shape [height, width], none of them 0, got {x.shape}."
         )
-    _same_tiles(of, *x.shape, shape)
+    height, width = x.shape
+    _same_tiles(of, height, width, shape)
     return x
 
 
