@@ -1,5 +1,8 @@
 from . import (
+    capture as capture,
     export as export,
+    metrics as metrics,
+    network as network,
     oracle as oracle,
     plotting as plotting,
     solve as solve,

@@ -173,7 +173,8 @@ def _record(job: _Job, count: int, seed: int, fov_y: float) -> dict[str, Any]:
     built = job.scene == PROCEDURAL
     if not built and not Path(job.scene).is_file():
         raise command.Unusable(
-            f"`SCENE` must be {PROCEDURAL} or a .glb, .gltf or .obj file, got {job.scene}."
+            f"`SCENE` must be {PROCEDURAL} or a .glb, .gltf or .obj file, got "
+            f"{job.scene}."
         )
     return {
         "schema": _SCHEMA,

@@ -28,13 +28,14 @@ def checked_picture(name: str, image: ArrayLike) -> Float[Array, "height width 3
 
 def decoded(image: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """Light of sRGB values, as a share of white's (IEC 61966-2-1). [1]"""
-    curve = ((jnp.maximum(image, 0.04045) + 0.055) / 1.055) ** 2.4
+    # XLA's own power takes several times as long on a CPU.
+    curve = jnp.exp(2.4 * jnp.log((jnp.maximum(image, 0.04045) + 0.055) / 1.055))
     return jnp.where(image <= 0.04045, image / 12.92, curve)
 
 
 def encoded(light: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """The inverse of `decoded`."""
-    curve = 1.055 * jnp.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
+    curve = 1.055 * jnp.exp(jnp.log(jnp.maximum(light, 0.0031308)) / 2.4) - 0.055
     return jnp.where(light <= 0.0031308, light * 12.92, curve)
 
 

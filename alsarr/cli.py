@@ -14,10 +14,14 @@ import typer
 from camojab import _command as command
 from camojab.cli import Constants, Encoding, Statement
 
+from ._capture_command import capture
 from ._compare_command import compare
+from ._evaluate_command import evaluate
 from ._export_command import export
+from ._predict_command import predict
 from ._preview_command import preview
 from ._refresh_command import refresh
+from ._train_command import train
 
 
 if TYPE_CHECKING:
@@ -33,10 +37,8 @@ else:
 app = typer.Typer(add_completion=False)
 tables_app = typer.Typer(add_completion=False)
 app.add_typer(tables_app, name="tables")
-app.command()(compare)
-app.command()(export)
-app.command()(preview)
-app.command()(refresh)
+for each in (compare, export, preview, refresh, capture, train, evaluate, predict):
+    app.command()(each)
 
 Budget = Annotated[
     float,

@@ -132,7 +132,13 @@ class View(eqx.Module, strict=True):
             )
         return {name: self._channel(name) for name in names}
 
-    def frame(self, *, ppd: float, refresh_rate: float, peak_luminance: float) -> Frame:
+    def frame(
+        self,
+        *,
+        ppd: float | int,
+        refresh_rate: float | int,
+        peak_luminance: float | int,
+    ) -> Frame:
         """The same at tile resolution, for the controller and every oracle.
 
         A tile has the texture that most of its pixels show (of equally many the first),

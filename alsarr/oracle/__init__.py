@@ -2,6 +2,7 @@
 
 from ._base import AbstractQualityOracle as AbstractQualityOracle
 from ._camojab import CamojabOracle as CamojabOracle
+from ._cnn import CnnOracle as CnnOracle
 from ._denes2020 import Denes2020Oracle as Denes2020Oracle
 from ._fidelityfx import FidelityFxOracle as FidelityFxOracle
 from ._table import TableOracle as TableOracle

@@ -6,10 +6,10 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from jaxtyping import ArrayLike
 
-from ._comparison import Judged
-from ._frame import Frame
-from ._rates import RATES, TILE
-from ._refresh import RefreshTable
+from .._comparison import Judged
+from .._frame import Frame
+from .._rates import RATES, TILE
+from .._refresh import RefreshTable
 
 
 if TYPE_CHECKING:

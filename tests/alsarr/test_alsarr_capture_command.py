@@ -12,6 +12,7 @@ import typer
 from alsarr import _capture_command
 from alsarr.capture import load_view, views
 from camojab import _command
+from toy_room import room
 
 
 # The command computes in single precision whatever the lane.
@@ -23,20 +24,6 @@ APP.command()(_capture_command.capture)
 
 def run(*arguments):
     return _command.run(APP, "alsarr", [str(x) for x in arguments])
-
-
-def room():
-    """A room of 4 m x 3 m x 4 m with a pillar, seen from inside, as an OBJ file."""
-    lines, count = [], 0
-    for (a, b, c), (d, e, f) in (((0, 0, 0), (4, 3, 4)), ((1, 0, 1), (1.5, 3, 1.5))):
-        for x in (a, d):
-            for y in (b, e):
-                lines += [f"v {x} {y} {z}" for z in (c, f)]
-        faces = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
-        for face in faces:
-            lines.append("f " + " ".join(str(int(i) + count) for i in face.split()))
-        count += 8
-    return "\n".join(lines) + "\n"
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +168,11 @@ def test_without_the_extra_it_says_what_to_install(
 @pytest.mark.parametrize(
     "arguments, status, message",
     [
-        (["nowhere.obj"], 1, "`SCENE` must be hall or a .glb, .gltf or .obj file"),
+        (
+            ["nowhere.obj"],
+            1,
+            "`SCENE` must be procedural or a .glb, .gltf or .obj file",
+        ),
         (["procedural", "--size", "48"], 2, "must be a width and a height >= 1 px"),
         (["procedural", "--size", "0x4"], 2, "got 0x4"),
         (["procedural", "--viewpoints", "0"], 1, "`--viewpoints` must be >= 1, got 0."),

@@ -1,0 +1,20 @@
+from typing import Literal
+
+from camojab._shipped import shipped
+
+from ._file import load_network
+from ._model import MetricNetwork
+
+
+def shipped_network(metric: Literal["flip", "jnflip"]) -> MetricNetwork:
+    """The network for a metric that comes with the package.
+
+    What it was trained on and how well it predicts is in `data/networks.md`. It has
+    learned how this package's own renderer shades: others should be trained on pictures
+    of the renderer that they are to serve (Cardoso et al. 2022, Appendix C).
+
+    **Raises:** `ValueError` for another metric.
+    """
+    if metric not in ("flip", "jnflip"):
+        raise ValueError(f"`metric` must be flip or jnflip, got {metric}.")
+    return load_network(shipped(f"network_{metric}.npz"))
