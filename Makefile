@@ -28,6 +28,9 @@ bench: $(VENV)/bench.installed
 	$(BIN)/python tests/benchmarks/bench_tables.py
 	$(BIN)/python tests/benchmarks/bench_control.py
 	$(BIN)/python tests/benchmarks/bench_sequences.py
+	$(BIN)/python tests/benchmarks/bench_capture.py
+	$(BIN)/python tests/benchmarks/bench_metrics.py
+	$(BIN)/python tests/benchmarks/bench_network.py
 
 lint: $(VENV)/dev.installed
 	$(BIN)/ruff check .

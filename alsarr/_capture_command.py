@@ -8,7 +8,6 @@ import signal
 import zipfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed, ProcessPoolExecutor
-from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TYPE_CHECKING
@@ -91,7 +90,7 @@ def capture(
             raise command.Unusable(f"`{name}` must be >= 1, got {value}.")
     check_folder(output, [RECORD])
     job = _Job(output, scene, scene_seed, shape)
-    with command.usable(_OPTIONS), _installed(), command.stages() as progress:
+    with command.usable(_OPTIONS), command.stages() as progress:
         record = _record(job, viewpoints, seed, fov_y)
         _check_same(output, record)
         missing = [i for i in range(viewpoints) if not _is_there(output, i)]
@@ -114,15 +113,6 @@ def _size(text: str) -> tuple[int, int]:
             param_hint="'--size'",
         )
     return int(match[1]), int(match[2])
-
-
-@contextmanager
-def _installed() -> Iterator[None]:
-    """A missing extra is a matter of the installation, not a defect."""
-    try:
-        yield
-    except ImportError as error:
-        raise command.Unusable(str(error)) from error
 
 
 def read_scene(name: str, seed: int) -> "Scene":

@@ -268,7 +268,8 @@ def _show(
         tables["attribution"] = pandas.DataFrame(shares)
     for name, table in tables.items():
         write_text(output / f"{name}.csv", table.to_csv(index=False))
-    overall = scores[scores["output"] == "all"].drop(columns="output")
+    overall = pandas.DataFrame([row for row in rows if row["output"] == "all"])
+    overall = overall.drop(columns="output")
     command.print_table("Prediction, in transformed space", overall, _FORMATS)
     for name in list(tables)[1:]:
         command.print_table(_TITLES[name], tables[name], _FORMATS)

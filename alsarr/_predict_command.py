@@ -72,10 +72,7 @@ def predict(
 
         loaded: MetricNetwork = load_network(network or shipped("network_flip.npz"))
         given = _frame(frame)
-        try:
-            oracle = CnnOracle(loaded, safe=safe, backend=backend)
-        except ImportError as error:
-            raise ValueError(str(error)) from error
+        oracle = CnnOracle(loaded, safe=safe, backend=backend)
         refresh_rate = _ANY_DISPLAY["refresh_rate"]
         quality = np.asarray(oracle.quality(given, refresh_rate))
         if threshold is None:

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import typer
 
+from ._extras import MissingExtra
+
 
 if TYPE_CHECKING:
     import pandas
@@ -94,12 +96,14 @@ def precision(bits: str) -> AbstractContextManager[Any]:
 
 @contextmanager
 def usable(options: Mapping[str, str] | None = None) -> Iterator[None]:
-    """What the library says of data, as what the command line says of them.
+    """What the library says of data and extras, as what the command line says of them.
 
     `options` are the command's names for what the library calls otherwise.
     """
     try:
         yield
+    except MissingExtra as error:
+        raise Unusable(str(error)) from error
     except ValueError as error:
         message = str(error)
         for name, option in (options or {}).items():

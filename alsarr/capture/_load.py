@@ -10,6 +10,8 @@ from urllib.parse import unquote
 import numpy as np
 from jaxtyping import Float32
 
+from camojab._extras import needed
+
 from ._numbers import Numbers
 from ._scene import Lights, Material, Mesh, Scene
 from ._surroundings import surroundings
@@ -155,12 +157,7 @@ def _graph(path: Path) -> Any:
         raise ValueError(f"`path` must end in {', '.join(FORMATS)}, got {path.name}.")
     if not path.is_file():
         raise ValueError(f"`path` must be a file, there is no {path}.")
-    try:
-        import trimesh
-    except ImportError:
-        raise ImportError(
-            "`alsarr[capture]` is not installed: reading scenes needs its trimesh."
-        ) from None
+    trimesh = needed("capture", "trimesh", "reading scenes")
     try:
         return cast(Any, trimesh.load_scene(path, process=False))
     # Its readers raise whatever their parsers do on a broken file.

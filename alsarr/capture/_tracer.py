@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from camojab._extras import needed
+
 
 class Tracer:
     """The triangles of a scene at one moment, ready to be asked by rays.
@@ -97,11 +99,5 @@ def _rays(origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _embree() -> tuple[type, type]:
-    try:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-    except ImportError:
-        raise ImportError(
-            "`alsarr[capture]` is not installed: tracing rays needs its embreex."
-        ) from None
-    return EmbreeScene, TriangleMesh
+    load = lambda name: needed("capture", f"embreex.{name}", "tracing rays")
+    return load("rtcore_scene").EmbreeScene, load("mesh_construction").TriangleMesh

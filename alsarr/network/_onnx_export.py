@@ -1,13 +1,12 @@
 """Networks as ONNX graphs, for engines and other libraries."""
 
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from camojab._extras import needed
 from camojab._files import replacing
 
 from ._model import ConvolutionBlock, EPSILON, MetricNetwork
@@ -51,7 +50,7 @@ def export_onnx(path: str | Path, network: MetricNetwork) -> None:
 
 def onnx_bytes(network: MetricNetwork) -> bytes:
     """The file that `export_onnx` writes."""
-    onnx = needed("onnx", "which reads and writes ONNX graphs")
+    onnx = needed("onnx", "onnx", "writing ONNX graphs")
     tensors, nodes = {}, []
     values = INPUT
     for i, block in enumerate(network.blocks):
@@ -85,16 +84,6 @@ def onnx_bytes(network: MetricNetwork) -> bytes:
         doc_string=_described(network),
     )
     return model.SerializeToString()
-
-
-def needed(name: str, what_for: str) -> ModuleType:
-    """A module of the extra `onnx`."""
-    try:
-        return import_module(name)
-    except ImportError:
-        raise ImportError(
-            f"`alsarr[onnx]` is not installed: it has {name}, {what_for}."
-        ) from None
 
 
 def _described(network: MetricNetwork) -> str:

@@ -7,8 +7,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from camojab._extras import needed
+
 from ._model import ConvolutionBlock, EPSILON, MetricNetwork
-from ._onnx_export import needed
 from ._transforms import AbstractTransform
 
 
@@ -90,7 +91,7 @@ def import_onnx(
     **Accuracy:** of onnxruntime's results within 1e-5
     (`tests/alsarr/test_alsarr_network_onnx.py`).
     """
-    onnx = needed("onnx", "which reads and writes ONNX graphs")
+    onnx = needed("onnx", "onnx", "reading ONNX graphs")
     path = Path(path)
     if path.stat().st_size > _MOST_BYTES:
         raise ValueError(f"{path}: must have at most {_MOST_BYTES} bytes.")

@@ -5,9 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from camojab._extras import needed
+
 from ._fast import in_own_unit
 from ._model import MetricNetwork
-from ._onnx_export import INPUT, needed, onnx_bytes
+from ._onnx_export import INPUT, onnx_bytes
 
 
 class OnnxNetwork:
@@ -33,7 +35,7 @@ class OnnxNetwork:
     network: MetricNetwork
 
     def __init__(self, network: MetricNetwork, *, threads: int | None = None):
-        runtime = needed("onnxruntime", "which runs ONNX graphs")
+        runtime = needed("onnx", "onnxruntime", "running ONNX graphs")
         if threads is not None and threads < 1:
             raise ValueError(f"`threads` must be > 0, got {threads}.")
         options = runtime.SessionOptions()

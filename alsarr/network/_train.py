@@ -15,6 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
+from camojab._extras import needed
+
 from ._checkpoint import read_checkpoint, write_checkpoint
 from ._evaluate import check_fits, predictions, transformed_targets
 from ._loss import adaptive_error, Statistics, training_pass
@@ -294,12 +296,7 @@ def _step(
 
 def _optimiser(rates: _Rates):
     """RMSprop as PyTorch has it: the epsilon outside of the root, no momentum."""
-    try:
-        import optax
-    except ImportError:
-        raise ImportError(
-            "`alsarr[train]` is not installed: it has optax, which training needs."
-        ) from None
+    optax = needed("train", "optax", "training")
     rate = lambda step: rates.learning * rates.decay ** step.astype(jnp.float32)
     return optax.chain(
         optax.add_decayed_weights(rates.weight),

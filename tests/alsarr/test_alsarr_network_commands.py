@@ -2,6 +2,7 @@
 
 import csv
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -109,7 +110,7 @@ def test_scores_are_those_of_the_tiles(evaluated, trained):
         chosen = [RATES.names.index(name) for name in network.outputs]
         target.append(np.asarray(network.transform(error[np.array(chosen)])))
         x = np.stack(list(view.channels(network.channels).values()))
-        predicted.append(np.asarray(network(x)))
+        predicted.append(np.asarray(network(jnp.asarray(x))))
     apart = np.abs(np.array(predicted) - np.array(target))
     overall = rows(evaluated / "scores.csv")[0]
     assert (overall["output"], overall["tiles"]) == ("all", "all")

@@ -478,7 +478,9 @@ def test_threads_are_counted_from_one(net):
 @pytest.mark.parametrize("name", ["onnx", "onnxruntime"])
 def test_missing_extra_is_named(name, net, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(ImportError, match=rf"`alsarr\[onnx\]` is not .* it has {name}"):
+    with pytest.raises(
+        ImportError, match=rf"`alsarr\[onnx\]` is not .* needs its {name}\."
+    ):
         OnnxNetwork(net)
     if name == "onnx":
         with pytest.raises(ImportError, match=r"`alsarr\[onnx\]` is not installed"):
