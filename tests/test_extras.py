@@ -1,4 +1,4 @@
-"""What comes only with an extra is asked for in one sentence, by the command line too."""
+"""What comes only with an extra is asked for in one sentence."""
 
 import sys
 
