@@ -220,7 +220,7 @@ def _maps(
     for name, network in networks.items():
         qualities[name] = CnnOracle(network, safe=False).quality(frame, refresh_rate)
         error = as_error(measured(view, network.metric, ppd=ppd), network.metric)
-        qualities[f"{network.metric} itself"] = -error.reshape(len(RATES), -1).T
+        qualities[f"{network.metric} measured"] = -error.reshape(len(RATES), -1).T
     qualities["CaMoJAB"] = camojab_quality(view, scene, **display)
     return {
         name: rate_map(view, quality, budget=budget, ppd=ppd)

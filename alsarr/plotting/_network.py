@@ -70,7 +70,8 @@ def predicted_errors(
     from matplotlib.figure import Figure
 
     highest = max(float(np.max(x)) for x in (*measured, *predicted)) or 1.0
-    figure = Figure(figsize=(13.5, 0.6 + 2.1 * len(pictures)))
+    height, width, _ = pictures[0].shape
+    figure = Figure(figsize=(13.5, 0.5 + 3.0 * height / width * len(pictures)))
     figure.set_layout_engine("constrained")
     rows: Any = figure.subplots(len(pictures), 4, squeeze=False)
     scale = {"vmin": 0.0, "vmax": highest, "cmap": "magma"}

@@ -12,6 +12,7 @@ from alsarr.capture import load_scene, load_view, views
 from alsarr.cli import main
 from alsarr.network import load_network
 from alsarr.oracle import CnnOracle
+from alsarr.plotting import view_buffers
 from toy_room import room
 
 
@@ -121,12 +122,19 @@ def test_scores_are_those_of_the_tiles(evaluated, trained):
 def test_rate_maps_keep_to_the_budget(evaluated):
     maps = rows(evaluated / "rate_maps.csv")
     assert [row["oracle"] for row in maps] == [
-        *("uniform", "small", "flip itself", "CaMoJAB")
+        *("uniform", "small", "flip measured", "CaMoJAB")
     ]
     for row in maps:
         assert 1 / 16 <= float(row["cost_share"]) <= 0.25 + 1e-6
         assert 0 <= float(row["flip_mean"]) < 1
     assert len({row["flip_mean"] for row in maps}) > 1
+
+
+def test_a_viewpoint_is_drawn_with_its_units(captured):
+    figure = view_buffers(load_view(views(captured)[0]))
+    titles = [axis.get_title() for axis in figure.axes if axis.get_title()]
+    assert len(titles) == 12
+    assert {"depth [m]", "mip level [octaves]", "motion [px]"} < set(titles)
 
 
 def test_a_map_shows_each_tile_as_it_was_captured(captured):
