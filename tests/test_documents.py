@@ -30,7 +30,7 @@ DOCUMENTS = {
     "README.md": _blocks(ROOT / "README.md"),
     **{
         name: _blocks(ROOT / "notebooks" / name)
-        for name in ("precision.md", "controller.md")
+        for name in ("precision.md", "controller.md", "network.md")
     },
     **{n.name: list(_cells(n)) for n in sorted(ROOT.glob("notebooks/*.ipynb"))},
 }

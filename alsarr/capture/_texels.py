@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Float32, Int32, UInt8
 
+from .._picture import decoded
+
 
 class Texels(eqx.Module, strict=True):
     """All textures with their mip pyramids, row by row from the top of each image.
@@ -73,9 +75,7 @@ def linear_light(
     encoded: UInt8[np.ndarray, "height width 3"],
 ) -> Float32[np.ndarray, "height width 3"]:
     """Light as a share of white's, of sRGB bytes (IEC 61966-2-1)."""
-    value = np.arange(256) / 255
-    curve = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return curve.astype(np.float32)[encoded]
+    return np.asarray(decoded(jnp.arange(256, dtype=jnp.float32) / 255))[encoded]
 
 
 def _pyramid(picture: Float[np.ndarray, "height width 3"]) -> list[np.ndarray]:

@@ -1,13 +1,11 @@
-from typing import Literal
-
 from camojab._shipped import shipped
 
 from ._file import load_network
 from ._model import MetricNetwork
 
 
-def shipped_network(metric: Literal["flip", "jnflip"]) -> MetricNetwork:
-    """The network for a metric that comes with the package.
+def shipped_network(metric: str) -> MetricNetwork:
+    """The network that comes with the package for "flip" or "jnflip".
 
     What it was trained on and how well it predicts is in `data/networks.md`. It has
     learned how this package's own renderer shades: others should be trained on pictures
