@@ -187,6 +187,7 @@ def quality_in(dtype, rung, name, shading, conditions):
         return np.asarray(value, np.float64)
 
 
+@pytest.mark.float64  # it computes in both, whatever the lane
 @pytest.mark.parametrize("rung", RUNGS)
 def test_single_precision_is_like_double(rung):
     rung, draw = RUNGS[rung], np.random.default_rng(5)

@@ -14,6 +14,10 @@ from alsarr.capture._surroundings import sphere
 from alsarr.capture._tracer import Tracer
 
 
+# Scenes are in single precision whatever the lane.
+pytestmark = pytest.mark.float64
+
+
 SMALL = 20_000
 
 

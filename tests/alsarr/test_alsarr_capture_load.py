@@ -21,6 +21,10 @@ from alsarr.capture._tracer import Tracer
 from alsarr.capture._viewpoints import viewpoints
 
 
+# Scenes are in single precision whatever the lane.
+pytestmark = pytest.mark.float64
+
+
 POSITION = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0]], "<f4")
 NORMAL = np.tile(np.array([[0, 0, 1]], "<f4"), (3, 1))
 UV = np.array([[0, 0], [1, 0], [0.25, 0.75]], "<f4")

@@ -21,6 +21,10 @@ from alsarr.capture._viewpoints import (
 )
 
 
+# Rays are in single precision whatever the lane.
+pytestmark = pytest.mark.float64
+
+
 SETTINGS = {"voxels": 4000, "tries": 4000}
 
 

@@ -9,6 +9,9 @@ from alsarr.network import load_samples
 from toy_samples import toy_samples
 
 
+# Samples are bytes and single precision whatever the lane.
+pytestmark = pytest.mark.float64
+
 WIDTH, HEIGHT = 40, 24
 OUTPUTS = ("2x1", "2x2")
 CHANNELS = ("reprojected_green", "normal_x", "roughness", "reflect", "shadow")

@@ -22,6 +22,10 @@ from alsarr.network._model import EPSILON
 from toy_samples import OUTPUTS, toy_samples
 
 
+# Training is in single precision whatever the lane.
+pytestmark = pytest.mark.float64
+
+
 def _start(samples, seed=0, **choices):
     transform = ClampedTransform.from_mean(samples.targets.mean())
     names = {"metric": "toy", "ppd": 60.0, "outputs": OUTPUTS, "transform": transform}
