@@ -112,6 +112,12 @@ def evaluate(
         maps = _maps(networks, paths[0], world, budget=budget, **display)
         _draw_maps(output / "rate_maps.png", maps)
     _show(output, rows, shares, maps)
+    built = f" {scene_seed}" if scene == PROCEDURAL else ""
+    ppd = ", ".join(sorted({f"{each.ppd:g}" for each in networks.values()}))
+    print(
+        f"to quote: alsarr {command.release()}; {', '.join(networks)}; {viewpoints} "
+        f"viewpoints of {Path(scene).name}{built}, seed {seed}, {size} px; {ppd} px/deg"
+    )
 
 
 def _networks(paths: Sequence[Path] | None) -> dict[str, "MetricNetwork"]:
