@@ -151,15 +151,18 @@ def test_two_processes_write_the_same_bytes(given, alone):
 def test_an_interrupted_run_goes_on_and_writes_the_same_bytes(given, alone):
     path = given / "interrupted.json"
     done = path.with_name(".interrupted.json.samples")
-    process = start(arguments(given, path))
-    deadline = time.monotonic() + LIMIT
-    while not list(done.glob("0*.npz")) and process.poll() is None:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=LIMIT)
-    if process.returncode == 0:
-        pytest.fail("the run was over before it was interrupted")
+    # On a busy machine a run may be over before what it keeps is noticed.
+    for _ in range(5):
+        process = start(arguments(given, path))
+        deadline = time.monotonic() + LIMIT
+        while not list(done.glob("0*.npz")) and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=LIMIT)
+        if process.returncode:
+            break
+        path.unlink()
     assert process.returncode == 130 and not path.exists()
     kept = {p: p.stat().st_mtime_ns for p in done.glob("0*.npz")}
     assert kept
