@@ -279,4 +279,6 @@ def _show(
     command.print_table("Prediction, in transformed space", overall, _FORMATS)
     for name in list(tables)[1:]:
         command.print_table(_TITLES[name], tables[name], _FORMATS)
-    print(f"written: {', '.join(str(p) for p in sorted(output.glob('*.*')))}")
+    pictures = [f"{name}_predicted.png" for name in scores["network"].unique()]
+    files = [*(f"{name}.csv" for name in tables), *pictures, "rate_maps.png"]
+    print(f"written: {', '.join(str(output / file) for file in files)}")

@@ -34,6 +34,5 @@ from ._viewpoints import (
     FAST as FAST,
     Movement as Movement,
     SLOW as SLOW,
-    viewpoints as viewpoints,
     ViewpointSampler as ViewpointSampler,
 )

@@ -95,6 +95,15 @@ class ViewpointSampler:
         self._template = _template(radius)
         self._grid = _grid(fov_y, aspect)
 
+    def first(self, count: int) -> list[tuple[Camera, Camera]]:
+        """Viewpoints number 0 to `count` - 1, each with its previous one.
+
+        **Raises:** `ValueError` for a negative count, and as `draw`.
+        """
+        if count < 0:
+            raise ValueError(f"`count` must be >= 0, got {count}.")
+        return [self.draw(index) for index in range(count)]
+
     def draw(self, index: int) -> tuple[Camera, Camera]:
         """Viewpoint number `index` (>= 0) and its previous one.
 
@@ -175,42 +184,6 @@ class ViewpointSampler:
             jnp.asarray(forward, jnp.float32),
             fov_y=self._fov_y,
         )
-
-
-def viewpoints(
-    scene: Scene,
-    count: int,
-    *,
-    seed: int,
-    fov_y: float | int = 60.0,
-    aspect: float | int = 16 / 9,
-    radius: float | int | None = None,
-    most_pitch: float | int = 30.0,
-    least_seen: float | int = 0.8,
-    movements: tuple[Movement, ...] = (SLOW, FAST),
-    tries: int = 20_000,
-    voxels: int = 100_000,
-) -> list[tuple[Camera, Camera]]:
-    """`count` viewpoints of a scene, each with where the eye was a frame before.
-
-    The first `n` of a seed are the same whatever `count` is. For the procedure, the
-    arguments and what they raise see `ViewpointSampler`, which draws them one by one.
-    """
-    if count < 0:
-        raise ValueError(f"`count` must be >= 0, got {count}.")
-    sampler = ViewpointSampler(
-        scene,
-        seed=seed,
-        fov_y=fov_y,
-        aspect=aspect,
-        radius=radius,
-        most_pitch=most_pitch,
-        least_seen=least_seen,
-        movements=movements,
-        tries=tries,
-        voxels=voxels,
-    )
-    return [sampler.draw(index) for index in range(count)]
 
 
 class _Poses(NamedTuple):

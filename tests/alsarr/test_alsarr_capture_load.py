@@ -18,7 +18,7 @@ from alsarr.capture._load import load_scene
 from alsarr.capture._scene import Lights
 from alsarr.capture._texels import linear_light
 from alsarr.capture._tracer import Tracer
-from alsarr.capture._viewpoints import viewpoints
+from alsarr.capture._viewpoints import ViewpointSampler
 
 
 # Scenes are in single precision whatever the lane.
@@ -296,6 +296,7 @@ PUBLIC = {
 @pytest.mark.parametrize("name", PUBLIC)
 def test_public_scenes_load_and_have_viewpoints(name):
     path = Path(os.environ.get("CAMOJAB_DATA_DIR", "")) / "scenes" / name
+    # Public files may not be shipped; where they cannot be had the reason is shown.
     if not path.is_file():
         pytest.skip(f"{name} is not in CAMOJAB_DATA_DIR/scenes")
     scene = load_scene(path)
@@ -305,7 +306,7 @@ def test_public_scenes_load_and_have_viewpoints(name):
     assert np.all((low <= scene.start) & (scene.start <= high))
     has_lamp = len(scene.lights.point_position) > 0
     assert has_lamp == (name == "bathroom.glb")
-    (camera, previous), _ = viewpoints(scene, 2, seed=0, voxels=20_000)
+    (camera, previous), _ = ViewpointSampler(scene, seed=0, voxels=20_000).first(2)
     tracer = Tracer(np.asarray(scene.vertex), np.asarray(scene.triangle))
     forward = np.asarray(camera.forward)[None]
     _, distance = tracer.hit(np.asarray(camera.position)[None], forward)

@@ -16,7 +16,6 @@ from alsarr.capture._viewpoints import (
     FAST,
     Movement,
     SLOW,
-    viewpoints,
     ViewpointSampler,
 )
 
@@ -67,7 +66,7 @@ def furnished():
 
 @pytest.fixture(scope="module")
 def drawn(furnished):
-    return viewpoints(furnished, 25, seed=5, **SETTINGS)
+    return ViewpointSampler(furnished, seed=5, **SETTINGS).first(25)
 
 
 def test_the_fill_stays_on_its_side_of_a_wall():
@@ -133,7 +132,9 @@ def test_views_are_upright_and_near_the_horizon(drawn):
 @pytest.mark.parametrize("movement", [SLOW, FAST])
 def test_previous_viewpoints_are_close_and_in_sight(furnished, movement):
     tracer = tracer_of(furnished)
-    pairs = viewpoints(furnished, 12, seed=6, movements=(movement,), **SETTINGS)
+    pairs = ViewpointSampler(
+        furnished, seed=6, movements=(movement,), **SETTINGS
+    ).first(12)
     for camera, previous in pairs:
         step = np.asarray(previous.position) - np.asarray(camera.position)
         # Nothing is farther away than the room's diagonal, 9.5 m.
@@ -149,7 +150,7 @@ def test_previous_viewpoints_are_close_and_in_sight(furnished, movement):
 def test_most_of_every_picture_shows_the_scene():
     plane = quad((-500, 0, 500), (1000, 0, 0), (0, 0, -1000))
     scene = scene_of([plane], (0, 1.5, 0), bounds=[(-2, 0.2, -3), (2, 3, 3)])
-    pairs = viewpoints(scene, 12, seed=0, **SETTINGS)
+    pairs = ViewpointSampler(scene, seed=0, **SETTINGS).first(12)
     x, y = np.meshgrid(np.arange(32) + 0.5, np.arange(18) + 0.5)
     x, y = (jnp.asarray(v, jnp.float32) for v in (x, y))
     shares = [
@@ -177,7 +178,7 @@ def test_what_cannot_be_found_is_said():
     with pytest.raises(
         ValueError, match="number 0 of seed 1 was not found in 64 tries"
     ):
-        viewpoints(scene, 1, seed=1, voxels=100, tries=64)
+        ViewpointSampler(scene, seed=1, voxels=100, tries=64).first(1)
 
 
 @pytest.mark.parametrize(
@@ -191,7 +192,7 @@ def test_a_start_that_is_not_free_is_refused(start, words):
     # The box about the start is smaller than a voxel.
     scene = room(box((0.05, 0.05, 0.05)).moved((2, 0.475, 0)), start=start)
     with pytest.raises(ValueError, match=words):
-        viewpoints(scene, 1, seed=0, voxels=500)
+        ViewpointSampler(scene, seed=0, voxels=500).first(1)
 
 
 @pytest.mark.parametrize(
@@ -215,6 +216,6 @@ def test_settings_out_of_range_are_refused(furnished, setting, words):
 
 
 def test_no_viewpoints_may_be_asked_for_but_not_fewer(furnished):
-    assert viewpoints(furnished, 0, seed=0, **SETTINGS) == []
+    assert ViewpointSampler(furnished, seed=0, **SETTINGS).first(0) == []
     with pytest.raises(ValueError, match="`count` must be >= 0, got -1"):
-        viewpoints(furnished, -1, seed=0)
+        ViewpointSampler(furnished, seed=0).first(-1)

@@ -6,7 +6,7 @@ import pytest
 
 from alsarr import RATES
 from alsarr._viewpoint import measured
-from alsarr.capture import capture_view, hall, viewpoints
+from alsarr.capture import capture_view, hall, ViewpointSampler
 from alsarr.network import shipped_network
 
 
@@ -14,7 +14,7 @@ from alsarr.network import shipped_network
 def fresh():
     # Of the scene that they learned from, simpler and with another seed of viewpoints.
     scene = hall(0, triangles=40_000)
-    drawn = viewpoints(scene, 2, seed=11)
+    drawn = ViewpointSampler(scene, seed=11).first(2)
     return [capture_view(scene, *each, size=(320, 192)) for each in drawn]
 
 
