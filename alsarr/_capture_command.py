@@ -2,7 +2,6 @@
 
 import functools
 import json
-import re
 import shutil
 import signal
 import zipfile
@@ -15,6 +14,8 @@ from typing import Annotated, Any, NamedTuple, TYPE_CHECKING
 import typer
 
 from camojab import _command as command
+
+from . import _options
 
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def capture(
     """
     from camojab._results import check_folder
 
-    shape = _size(size)
+    shape = _options.size(size, "--size")
     for name, value in (("--viewpoints", viewpoints), ("--processes", processes)):
         if value < 1:
             raise command.Unusable(f"`{name}` must be >= 1, got {value}.")
@@ -103,16 +104,6 @@ def capture(
         for done, _ in enumerate(_rendered(job, work, processes), 1):
             progress("rendering", done, len(missing))
     _print_outcome(output, viewpoints, len(missing))
-
-
-def _size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", text)
-    if match is None:
-        raise typer.BadParameter(
-            f"must be a width and a height >= 1 px such as 640x368, got {text}.",
-            param_hint="'--size'",
-        )
-    return int(match[1]), int(match[2])
 
 
 def read_scene(name: str, seed: int) -> "Scene":

@@ -92,7 +92,7 @@ def compare(
     luminance: Annotated[
         float,
         typer.Option(
-            help="Luminance of the SciFi frame [cd/m^2]; its own was not published."
+            help="Luminance of the SciFi frame in cd/m^2; its own was not published."
         ),
     ] = 50.0,
     image: Annotated[

@@ -1,7 +1,6 @@
 """`alsarr evaluate`: how well networks predict on viewpoints that they never saw."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TYPE_CHECKING
 
@@ -9,6 +8,7 @@ import typer
 
 from camojab import _command as command
 
+from . import _options, _scores
 from ._capture_command import capture, PROCEDURAL, read_scene
 
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .network import MetricNetwork, Samples
 
 
-SHIPPED = ("network_flip.npz", "network_jnflip.npz")
+_WRITTEN = ("scores.csv", "rate_maps.csv", "attribution.csv", "rate_maps.png")
 
 # Viewpoints in a figure, and the rate whose error is drawn.
 _DRAWN = 4
@@ -30,20 +30,13 @@ _TITLES = {
     "rate_maps": "Pictures of the first viewpoint at the budget",
     "attribution": "What each input contributes, in per cent",
 }
-_FORMATS = {
-    **{"r2": ".3f", "mae": ".2e", "mae_under": ".2e", "sigma": ".2e"},
+_FORMATS = _scores.FORMATS | {
     **{"flip_mean": ".4f", "cost_share": ".2%", "seen": ".1f", "unseen": ".1f"},
 }
 
 
 def evaluate(
-    network: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="NPZ file of a network. May be given several times. Those for FLIP "
-            "and JNFLIP that are shipped, if left out."
-        ),
-    ] = None,
+    network: _options.Networks = None,
     scene: Annotated[
         str, typer.Option(help="procedural, or a .glb, .gltf or .obj file.")
     ] = PROCEDURAL,
@@ -83,9 +76,10 @@ def evaluate(
     """
     from camojab._results import check_folder
 
-    check_folder(output, ["scores.csv"])
     with command.usable():
-        networks = _networks(network)
+        networks = _scores.networks(network)
+    pictures = [f"{name}_predicted.png" for name in networks]
+    check_folder(output, [*_WRITTEN, *pictures])
     folder = output / "views"
     capture(
         scene=scene,
@@ -102,8 +96,8 @@ def evaluate(
         paths = views(folder)[:viewpoints]
         rows, shares = [], []
         for name, each in networks.items():
-            samples = _samples(each, paths, lambda *n, of=name: progress(of, *n))
-            rows += _rows(name, each, samples)
+            samples = _scores.samples(each, paths, lambda *n, of=name: progress(of, *n))
+            rows += [{"network": name} | row for row in _scores.rows(each, samples)]
             if attribution:
                 shares += _shares(name, each, samples)
             _draw_predictions(output / f"{name}_predicted.png", each, samples, paths)
@@ -118,44 +112,6 @@ def evaluate(
         f"to quote: alsarr {command.release()}; {', '.join(networks)}; {viewpoints} "
         f"viewpoints of {Path(scene).name}{built}, seed {seed}, {size} px; {ppd} px/deg"
     )
-
-
-def _networks(paths: Sequence[Path] | None) -> dict[str, "MetricNetwork"]:
-    """By the names of their files, which are those of what is drawn."""
-    from camojab._shipped import shipped
-
-    from .network import load_network
-
-    files = list(paths) if paths else [shipped(name) for name in SHIPPED]
-    networks = {file.stem: load_network(file) for file in files}
-    if len(networks) < len(files):
-        raise ValueError("`--network` must name files of different names.")
-    return networks
-
-
-def _samples(
-    network: "MetricNetwork",
-    paths: Sequence[Path],
-    progress: Callable[[int, int], None],
-) -> "Samples":
-    from .network import load_samples
-
-    return load_samples(
-        paths,
-        metric=network.metric,
-        ppd=network.ppd,
-        channels=network.channels,
-        outputs=network.outputs,
-        progress=progress,
-    )
-
-
-def _rows(
-    name: str, network: "MetricNetwork", samples: "Samples"
-) -> list[dict[str, Any]]:
-    from .network import evaluate as scores
-
-    return [{"network": name} | asdict(score) for score in scores(network, samples)]
 
 
 def _shares(

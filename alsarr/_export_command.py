@@ -1,6 +1,5 @@
 """`alsarr export`: tables or a rate map in, the files of engines out."""
 
-import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +9,8 @@ import typer
 
 from camojab import _command as command
 from camojab._files import DAMAGED
+
+from . import _options
 
 
 if TYPE_CHECKING:
@@ -175,7 +176,7 @@ def _rate_files(
     )
 
     tile = TILE if tile is None else tile
-    pixels = None if size is None else _pixels(size)
+    pixels = None if size is None else _options.size(size, "--size")
     rate = adapt_rates(
         _rate_map(path, pixels, columns),
         tile=tile,
@@ -194,13 +195,6 @@ def _rate_files(
             files[both] = lambda to: write_rates_bin(to, rate, tile=tile)
             files[f"rates.{name}.png",] = lambda to: write_rates_grey(to, rate)
     return files
-
-
-def _pixels(size: str) -> tuple[int, int]:
-    found = re.fullmatch(r"([0-9]{1,6})x([0-9]{1,6})", size)
-    if found is None:
-        raise ValueError(f"`--size` must be WIDTHxHEIGHT in pixels, got {size!r}.")
-    return int(found[1]), int(found[2])
 
 
 def _rate_map(

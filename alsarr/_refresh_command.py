@@ -9,6 +9,8 @@ import typer
 from camojab import _command as command
 from camojab.cli import Constants, Encoding, Statement
 
+from . import _options
+
 
 if TYPE_CHECKING:
     import pandas
@@ -111,13 +113,12 @@ def refresh(
         from camojab import Exact, Pooled
         from camojab._table_command import check_encoding, model
 
-        from ._export_command import _pixels
         from ._refresh import refresh_table
 
         check_encoding(encoding)
         constants, statement = model(formulation, parameters)
         hertz = _numbers("--rates", rates)
-        width, height = _pixels(size)
+        width, height = _options.size(size, "--size")
         budgets = _budgets(budget, pixels_per_second, width * height * max(hertz))
         spectrum = _spectrum(image, encoding)
         tables = {}

@@ -7,6 +7,8 @@ import typer
 
 from camojab import _command as command
 
+from . import _options
+
 
 if TYPE_CHECKING:
     from .network import AbstractTransform, Samples
@@ -16,10 +18,7 @@ MetricName = Literal["flip", "jnflip", "psnr", "yang", "jnyang"]
 
 
 def train(
-    captures: Annotated[
-        list[Path],
-        typer.Argument(help="Folders with views, as alsarr capture writes them."),
-    ],
+    captures: _options.Captures,
     ppd: Annotated[
         float, typer.Option(help="Pixels per degree that the metric is seen at.")
     ],
@@ -79,8 +78,9 @@ def train(
     """
     if output.suffix.lower() != ".npz" or output.is_dir():
         raise command.Unusable(f"{output}: must be a file to write that ends in .npz.")
+    shape = None if crop is None else _options.size(crop, "--crop")
+    layers = _options.counts(groups, "--groups")
     with command.usable(), command.stages() as progress:
-        from ._export_command import _pixels
         from .capture import views
         from .network import (
             DEFAULT_CHANNELS,
@@ -111,7 +111,7 @@ def train(
             transform=_transform(transform, metric, learned),
             channels=names,
             outputs=rates,
-            groups=tuple(int(group) for group in groups.split(",")),
+            groups=layers,
         )
         training = fit(
             start,
@@ -120,7 +120,7 @@ def train(
             batch=batch,
             seed=seed,
             held_out=judged,
-            crop=None if crop is None else _pixels(crop),
+            crop=shape,
             learning_rate=learning_rate,
             learning_decay=learning_decay,
             every=every,

@@ -21,6 +21,7 @@ from ._export_command import export
 from ._predict_command import predict
 from ._preview_command import preview
 from ._refresh_command import refresh
+from ._score_command import score
 from ._train_command import train
 
 
@@ -37,8 +38,15 @@ else:
 app = typer.Typer(add_completion=False)
 tables_app = typer.Typer(add_completion=False)
 app.add_typer(tables_app, name="tables")
-for each in (compare, export, preview, refresh, capture, train, evaluate, predict):
-    app.command()(each)
+app.command()(compare)
+app.command()(export)
+app.command()(preview)
+app.command()(refresh)
+app.command()(capture)
+app.command()(train)
+app.command()(score)
+app.command()(evaluate)
+app.command()(predict)
 
 Budget = Annotated[
     float,

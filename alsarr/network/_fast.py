@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._channels_last import convolved, kernel, pooled
+from ._convolution import convolved, per_channel
 from ._model import ConvolutionBlock, MetricNetwork
 
 
@@ -47,8 +47,7 @@ def infer(
         blocks = blocks[2:]
     y = y[None]
     for block in blocks:
-        mixed = convolved(y, kernel(block), 1)
-        y = pooled(_activated(mixed, block, 1), block.pool)
+        y = block(y)
     return jax.nn.sigmoid(jnp.moveaxis(y[0], -1, 0))
 
 
@@ -74,17 +73,17 @@ def _two_in_strips(
     # Two more pixels on each side: one for each layer.
     padded = jnp.pad(x, ((2, 2), (2, 2), (0, 0)))
     pairs = padded.reshape(height + 4, width // 2 + 2, 2 * channels)
-    kernels = [_pair_kernel(kernel(block)) for block in (first, second)]
+    kernels = [_pair_kernel(block.kernel) for block in (first, second)]
     inside_columns = _inside(jnp.arange(-1, width + 1), width)
 
     def of_strip(start: Array) -> Array:
         rows = jax.lax.dynamic_slice_in_dim(pairs, start, strip + 4)
-        y = _activated(convolved(rows[None], kernels[0], 0), first, 2)
+        y = _activated(convolved(rows[None], kernels[0], 0), first)
         # The second layer is padded with zeros, not with what the first makes of them.
         inside_rows = _inside(start + jnp.arange(-1, strip + 1), height)
         inside = inside_rows[:, None] & inside_columns[None]
         y = jnp.where(_per_pair(inside, first.weight.shape[0])[None], y, 0.0)
-        y = _activated(convolved(y, kernels[1], 0), second, 2)[0]
+        y = _activated(convolved(y, kernels[1], 0), second)[0]
         outs = second.weight.shape[0]
         of_row = jnp.maximum(y[::2], y[1::2])
         return jnp.maximum(of_row[..., :outs], of_row[..., outs:])
@@ -104,15 +103,11 @@ def _pair_kernel(kernel: Float[Array, "3 3 in out"]) -> Float[Array, "3 2 pair p
 
 
 def _activated(
-    mixed: Float[Array, "batch rows columns channels"],
-    block: ConvolutionBlock,
-    copies: int,
-) -> Float[Array, "batch rows columns channels"]:
-    """Rectifier and normalisation of so many copies of the block's channels."""
+    mixed: Float[Array, "batch rows pairs channels"], block: ConvolutionBlock
+) -> Float[Array, "batch rows pairs channels"]:
+    """Rectifier and normalisation of both columns of a pair."""
     gain, shift = block.gain_and_shift(block.mean, block.variance)
-    bias, gain, shift = (
-        jnp.tile(v, copies)[None, None, None] for v in (block.bias, gain, shift)
-    )
+    bias, gain, shift = (per_channel(jnp.tile(v, 2)) for v in (block.bias, gain, shift))
     return jax.nn.relu(mixed + bias) * gain + shift
 
 

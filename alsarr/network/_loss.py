@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._channels_last import convolved, kernel, pooled
+from ._convolution import per_channel
 from ._model import MetricNetwork
 from ._transforms import AbstractTransform
 
@@ -31,17 +31,10 @@ def training_pass(
     """What a call gives for each picture, normalised by the statistics of the batch."""
     y, statistics = jnp.moveaxis(network.prepared(x), 1, -1), []
     for block in network.blocks:
-        mixed = convolved(y, kernel(block), 1)
-        rectified = jax.nn.relu(mixed + _per_channel(block.bias))
+        rectified = block.rectified(y)
         mean = jnp.mean(rectified, axis=(0, 1, 2))
-        spread = rectified - _per_channel(mean)
+        spread = rectified - per_channel(mean)
         variance = jnp.mean(spread * spread, axis=(0, 1, 2))
         statistics.append((mean, variance))
-        gain, shift = block.gain_and_shift(mean, variance)
-        normalised = rectified * _per_channel(gain) + _per_channel(shift)
-        y = pooled(normalised, block.pool)
+        y = block.finished(rectified, mean, variance)
     return jax.nn.sigmoid(jnp.moveaxis(y, -1, 1)), tuple(statistics)
-
-
-def _per_channel(values: Float[Array, " channels"]) -> Float[Array, "1 1 1 channels"]:
-    return values[None, None, None]

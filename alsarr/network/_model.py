@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._rates import RATES
+from ._convolution import convolved, dense_kernel, per_channel
 from ._pooling import max_pool, pad_to_regions, pool_sizes
 from ._transforms import AbstractTransform
 
@@ -28,6 +29,8 @@ _REPROJECTED = "reprojected_"
 
 class ConvolutionBlock(eqx.Module, strict=True):
     """3x3 convolution, rectifier, batch normalisation and max-pooling, in this order.
+
+    Pictures have their channels last, at which XLA is quicker on a CPU.
 
     - `weight`: kernels, of the correlation that is called convolution here. [1]
     - `bias`: added to the convolution. [1]
@@ -63,31 +66,32 @@ class ConvolutionBlock(eqx.Module, strict=True):
         """Number of input channels."""
         return self.weight.shape[1] * self.groups
 
+    @property
+    def kernel(self) -> Float[Array, "3 3 in out"]:
+        """Kernels of an ordinary convolution of pictures whose channels come last."""
+        return dense_kernel(self.weight, self.groups).transpose(2, 3, 1, 0)
+
     def __call__(
-        self, x: Float[Array, "batch in height width"]
-    ) -> Float[Array, "batch out rows columns"]:
+        self, x: Float[Array, "batch height width in"]
+    ) -> Float[Array, "batch rows columns out"]:
         """With the running statistics; sizes are multiples of `pool`."""
-        rectified = self.rectified(x)
-        return max_pool(self.normalised(rectified, self.mean, self.variance), self.pool)
+        return self.finished(self.rectified(x), self.mean, self.variance)
 
     def rectified(
-        self, x: Float[Array, "batch in height width"]
-    ) -> Float[Array, "batch out height width"]:
+        self, x: Float[Array, "batch height width in"]
+    ) -> Float[Array, "batch height width out"]:
         """Convolution and rectifier."""
-        # XLA on a CPU is several times slower at grouped convolutions.
-        kernel = dense_kernel(self.weight, self.groups)
-        mixed = jax.lax.conv_general_dilated(x, kernel, (1, 1), "SAME")
-        return jax.nn.relu(mixed + per_channel(self.bias))
+        return jax.nn.relu(convolved(x, self.kernel, 1) + per_channel(self.bias))
 
-    def normalised(
+    def finished(
         self,
-        x: Float[Array, "batch out height width"],
+        rectified: Float[Array, "batch height width out"],
         mean: Float[Array, " out"],
         variance: Float[Array, " out"],
-    ) -> Float[Array, "batch out height width"]:
-        """Batch normalisation with these statistics."""
+    ) -> Float[Array, "batch rows columns out"]:
+        """Batch normalisation with these statistics, and pooling."""
         gain, shift = self.gain_and_shift(mean, variance)
-        return x * per_channel(gain) + per_channel(shift)
+        return max_pool(rectified * per_channel(gain) + per_channel(shift), self.pool)
 
     def gain_and_shift(
         self, mean: Float[Array, " out"], variance: Float[Array, " out"]
@@ -163,10 +167,10 @@ class MetricNetwork(eqx.Module, strict=True):
 
         **Raises:** `ValueError` for another number of channels.
         """
-        y = self.prepared(x)[None]
+        y = jnp.moveaxis(self.prepared(x), 0, -1)[None]
         for block in self.blocks:
             y = block(y)
-        return jax.nn.sigmoid(y[0])
+        return jax.nn.sigmoid(jnp.moveaxis(y[0], -1, 0))
 
     def predict(
         self, x: Float[Array, "channels height width"], *, safe: bool = True
@@ -268,23 +272,6 @@ def initial_network(
         metric=metric,
         ppd=ppd,
     )
-
-
-def dense_kernel(
-    weight: Float[Array, "out in_per_group 3 3"], groups: int
-) -> Float[Array, "out in 3 3"]:
-    """The kernels of a grouped convolution as those of an ordinary one, with zeros."""
-    if groups == 1:
-        return weight
-    outs, ins = weight.shape[:2]
-    own = jnp.eye(groups, dtype=weight.dtype)
-    parts = weight.reshape(groups, outs // groups, 1, ins, 3, 3)
-    return (parts * own[:, None, :, None, None, None]).reshape(outs, groups * ins, 3, 3)
-
-
-def per_channel(values: Float[Array, " channels"]) -> Float[Array, "1 channels 1 1"]:
-    """To be combined with pictures."""
-    return values[None, :, None, None]
 
 
 def _uniform(

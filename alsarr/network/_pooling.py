@@ -1,7 +1,9 @@
 """How far each layer pools, and pooling itself."""
 
+import functools
 import math
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -43,22 +45,17 @@ def pool_sizes(region: int, layers: int = 5) -> tuple[int, ...]:
 
 
 def max_pool(
-    x: Float[Array, "*n height width"], size: int
-) -> Float[Array, "*n rows columns"]:
+    x: Float[Array, "batch height width channels"], size: int
+) -> Float[Array, "batch rows columns channels"]:
     """Largest of each block of `size` x `size`, of which sizes are multiples."""
-    if size == 1:
-        return x
     # Elementwise maxima fuse with what comes before; a reduction over windows does not.
-    columns = [x[..., i::size] for i in range(size)]
-    high = _largest(columns)
-    return _largest([high[..., i::size, :] for i in range(size)])
-
-
-def _largest(parts: list[Array]) -> Array:
-    largest = parts[0]
-    for part in parts[1:]:
-        largest = jnp.maximum(largest, part)
-    return largest
+    for axis in (1, 2):
+        parts = [
+            jax.lax.slice_in_dim(x, i, None, stride=size, axis=axis)
+            for i in range(size)
+        ]
+        x = functools.reduce(jnp.maximum, parts)
+    return x
 
 
 def pad_to_regions(

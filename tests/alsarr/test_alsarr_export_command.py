@@ -167,7 +167,6 @@ def test_a_map_in_rows_needs_no_columns(tmp_path):
         (["--to", "godot"], "`--columns` must divide the 8040 tiles of .*, got None"),
         (["--to", "godot", "--columns", "7"], "`--columns` must divide .*, got 7"),
         (["--to", "godot", "--columns", "0"], "`--columns` must divide .*, got 0"),
-        (["--to", "godot", "--size", "1920"], "`--size` must be WIDTHxHEIGHT in pix"),
         (["--to", "godot", "--size", "640x480"], "`--columns` must divide"),
         (["--to", "godot", "--columns=134", "--size=9x9"], "`--size` must be that of"),
         (
@@ -183,6 +182,13 @@ def test_wrong_options_write_nothing(rates_file, tmp_path, capsys, options, mess
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert re.search(message, error), error
+    assert not out.exists()
+
+
+def test_a_size_that_is_none(rates_file, tmp_path, capsys):
+    out = tmp_path / "engine"
+    assert run(rates_file, "--to", "godot", "--size", "1920", "-o", out) == 2
+    assert "'--size': must be a width and a height" in capsys.readouterr().err
     assert not out.exists()
 
 

@@ -1,6 +1,8 @@
 """`alsarr train`, `evaluate` and `predict`, on a room that is captured in a moment."""
 
 import csv
+import dataclasses
+import re
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 
 from alsarr import Frame, RATES, save_frame
 from alsarr._viewpoint import camojab_quality, measured, rate_map, shaded
-from alsarr.capture import load_scene, load_view, views
+from alsarr.capture import load_scene, load_view, save_view, views
 from alsarr.cli import main
 from alsarr.network import load_network
 from alsarr.oracle import CnnOracle
@@ -119,6 +121,34 @@ def test_scores_are_those_of_the_tiles(evaluated, trained):
     np.testing.assert_allclose(float(overall["sigma"]), apart.std(), rtol=1e-4)
 
 
+def test_scores_scene_by_scene(captured, trained, tmp_path, capsys):
+    known = ("--network", trained)
+    out, other = tmp_path / "scores.csv", tmp_path / "views"
+    other.mkdir()
+    for path in views(captured)[:2]:
+        elsewhere = dataclasses.replace(load_view(path), scene="elsewhere")
+        save_view(other / path.name, elsewhere)
+    assert run("score", captured, other, *known, "-o", out) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"small +elsewhere +2 ", printed), printed
+    scored = rows(out)
+    assert len(scored) == 3 * 5 * 3
+    assert {row["scene"] for row in scored} == {"all", "elsewhere", "room"}
+    apart = [row for row in scored if row["output"] == row["tiles"] == "all"]
+    whole, *parts = (float(row["mae"]) * int(row["count"]) for row in apart)
+    np.testing.assert_allclose(whole, sum(parts), rtol=1e-6)
+
+    # What training held out is judged by the same numbers that it printed.
+    again = tmp_path / "small.npz"
+    assert run("train", captured, *OPTIONS, "--steps", 4, "-o", again) == 0
+    told = capsys.readouterr().out.splitlines()[2].split()
+    assert run("score", captured, "--network", again, "--held-out", 1, "-o", out) == 0
+    held_out = rows(out)[0]
+    assert {row["scene"] for row in rows(out)} == {"room"}
+    assert int(told[2]) == int(held_out["count"])
+    np.testing.assert_allclose(float(told[4]), float(held_out["mae"]), atol=6e-5)
+
+
 def test_rate_maps_keep_to_the_budget(evaluated):
     maps = rows(evaluated / "rate_maps.csv")
     assert [row["oracle"] for row in maps] == [
@@ -208,6 +238,11 @@ def test_what_cannot_be_done_is_said(captured, trained, tmp_path, capsys):
         (("train", captured, *OPTIONS[2:], "--ppd", 0), "`ppd` must be > 0"),
         (("train", captured, *OPTIONS, "--held-out", 9), "`held_out` must be"),
         (("train", captured, *OPTIONS, "--outputs", "1x1"), "coarse rates, got 1x1"),
+        (("score", captured, *known, "-o", tmp_path), "ends in .csv"),
+        (("score", captured, *known, "--held-out", 9), "`held_out` must be"),
     ):
         assert run(*arguments) == 1
         assert message in " ".join(capsys.readouterr().err.split())
+    for option, value in (("--crop", "32"), ("--groups", "1,a"), ("--groups", "0")):
+        assert run("train", captured, *OPTIONS, option, value) == 2
+        assert f"'{option}': must be" in capsys.readouterr().err

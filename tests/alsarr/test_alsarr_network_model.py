@@ -15,8 +15,8 @@ from alsarr.network import (
     pad_to_regions,
     pool_sizes,
 )
+from alsarr.network._convolution import dense_kernel
 from alsarr.network._loss import training_pass
-from alsarr.network._model import dense_kernel
 from alsarr.network._pooling import max_pool
 
 
@@ -176,8 +176,8 @@ def test_pooling_that_cannot_be(region, layers):
 @settings(deadline=None, max_examples=8)
 @given(st.integers(1, 4), st.integers(1, 3), st.integers(0, 2**31))
 def test_pooling_takes_the_largest_of_each_block(size, blocks, seed):
-    x = np.random.default_rng(seed).normal(size=(2, size * blocks, size * 2))
-    blocked = x.reshape(2, blocks, size, 2, size)
+    x = np.random.default_rng(seed).normal(size=(2, size * blocks, size * 2, 3))
+    blocked = x.reshape(2, blocks, size, 2, size, 3)
     got = max_pool(jnp.asarray(x), size)
     np.testing.assert_array_equal(got, jnp.asarray(blocked.max(axis=(2, 4))))
 

@@ -150,14 +150,15 @@ def test_a_step_normalises_by_the_batch_and_follows_its_statistics(few):
     assert y.shape == (2, 2, 2, 3)
     # In the first layer, by NumPy, from what the layer rectifies.
     first = network.blocks[0]
-    rectified = np.asarray(first.rectified(network.prepared(x)), np.float64)
-    mean, variance = rectified.mean(axis=(0, 2, 3)), rectified.var(axis=(0, 2, 3))
+    last = jnp.moveaxis(network.prepared(x), 1, -1)
+    rectified = np.asarray(first.rectified(last), np.float64)
+    mean, variance = rectified.mean(axis=(0, 1, 2)), rectified.var(axis=(0, 1, 2))
     np.testing.assert_allclose(statistics[0][0], mean, rtol=1e-5)
     np.testing.assert_allclose(statistics[0][1], variance, rtol=1e-4)
-    normal = first.normalised(jnp.asarray(rectified, jnp.float32), *statistics[0])
-    np.testing.assert_allclose(np.mean(normal, axis=(0, 2, 3)), 0, atol=1e-5)
+    normal = first.finished(jnp.asarray(rectified, jnp.float32), *statistics[0])
+    np.testing.assert_allclose(np.mean(normal, axis=(0, 1, 2)), 0, atol=1e-5)
     spread = variance / (variance + EPSILON)
-    np.testing.assert_allclose(np.var(normal, axis=(0, 2, 3)), spread, rtol=1e-4)
+    np.testing.assert_allclose(np.var(normal, axis=(0, 1, 2)), spread, rtol=1e-4)
     followed = private._following(network, statistics, 2 * 32 * 48).blocks
     np.testing.assert_allclose(followed[0].mean, 0.1 * mean, rtol=1e-5)
     pixels = 2 * 32 * 48

@@ -97,8 +97,6 @@ def test_budgets_as_numbers_and_builtin_pictures(tmp_path, capsys):
         (["--rates", "30,x"], "`--rates` must be LOW-HIGH"),
         (["--rates", "0,30"], "`--rates` must be > 0 Hz and finite, got 0"),
         (["--velocities", ""], "`--velocities` must be LOW-HIGH"),
-        (["--size", "1920"], "`--size` must be WIDTHxHEIGHT in pixels"),
-        (["--size", "0x9"], "`--size` must be a width and a height >= 1 px"),
         (["--budget", "0"], r"`--budget` must be in \(0, 1\], got 0"),
         (["--budget", "1.5"], r"`--budget` must be in \(0, 1\], got 1\.5"),
         (["--budget", "0.01"], "the budget in px/s must be at least 108000, those of"),
@@ -118,6 +116,18 @@ def test_wrong_options_write_nothing(image, tmp_path, capsys, options, message):
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and re.search(message, error), error
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("size", ["1920", "0x9", "9x"])
+def test_a_size_that_is_none(image, tmp_path, capsys, size):
+    out = tmp_path / "out"
+    assert run(image, *OPTIONS, "--size", size, "-o", out) == 2
+    error = capsys.readouterr().err
+    assert (
+        error.count("\n") == 1
+        and f"height >= 1 px such as 640x368, got {size}" in error
+    )
+    assert not out.exists()
 
 
 def test_pictures_that_cannot_be_used(image, tmp_path, capsys):
