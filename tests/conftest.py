@@ -22,7 +22,11 @@ def pytest_configure(config):
     config.addinivalue_line(
         "markers", "float64: meaningful in double precision only (the reason beside it)"
     )
-    jax.config.update("jax_enable_x64", not config.getoption("--float32"))
+    single = config.getoption("--float32")
+    if not single:
+        # Compiling takes most of the time. Single precision is compiled as users do.
+        os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
+    jax.config.update("jax_enable_x64", not single)
     jax.config.update("jax_numpy_rank_promotion", "raise")
     jax.config.update("jax_numpy_dtype_promotion", "strict")
 
