@@ -7,7 +7,7 @@ the command that uses it.
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal, TYPE_CHECKING
+from typing import Annotated, Any, Literal, TYPE_CHECKING
 
 import typer
 
@@ -17,6 +17,7 @@ from camojab.cli import Constants, Encoding, Statement
 from ._capture_command import capture
 from ._compare_command import compare
 from ._evaluate_command import evaluate
+from ._explore_command import explore
 from ._export_command import export
 from ._predict_command import predict
 from ._preview_command import preview
@@ -47,6 +48,7 @@ app.command()(train)
 app.command()(score)
 app.command()(evaluate)
 app.command()(predict)
+app.command()(explore)
 
 Budget = Annotated[
     float,
@@ -70,11 +72,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return command.run(app, "alsarr", argv)
 
 
-def _print_version(asked: bool) -> bool:
-    if asked:
-        print(f"alsarr {command.release()}")
-        raise typer.Exit()
-    return asked
+def _print_version(context: Any, asked: bool) -> bool:
+    return command.print_version("alsarr", asked, context.params["verbose"])
 
 
 @app.callback()
@@ -82,14 +81,13 @@ def options(
     version: Annotated[
         bool,
         typer.Option(
-            "--version",
-            callback=_print_version,
-            is_eager=True,
-            help="Print the version and leave.",
+            "--version", callback=_print_version, help="Print the version and leave."
         ),
     ] = False,
+    verbose: command.Verbose = False,
 ) -> None:
     """Shading and refresh rates that buy the most quality for a budget."""
+    command.check_verbose(verbose)
 
 
 @app.command()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Annotated, Any, NamedTuple, TYPE_CHECKING
 
 import typer
 
@@ -28,6 +28,17 @@ class Study(NamedTuple):
     conditions: Path
     textures: Path | None
     encoding: str | None
+
+
+Verbose = Annotated[
+    bool,
+    # Eager, or its value would not be known yet when the version is printed.
+    typer.Option(
+        "--verbose",
+        is_eager=True,
+        help="With --version: the line to paste in a bug report.",
+    ),
+]
 
 
 class Unusable(Exception):
@@ -66,6 +77,20 @@ def run(app: typer.Typer, program: str, argv: Sequence[str] | None) -> int:
 def release() -> str:
     """The version of the distribution that both packages belong to."""
     return version("alsarr")
+
+
+def print_version(program: str, asked: bool, verbose: bool) -> bool:
+    """What `--version` does, given whether it was asked for; as it is otherwise."""
+    if asked:
+        print(environment(program) if verbose else f"{program} {release()}")
+        raise typer.Exit()
+    return asked
+
+
+def check_verbose(verbose: bool) -> None:
+    """Fail where `--verbose` stands alone."""
+    if verbose:
+        raise typer.BadParameter("goes with --version.", param_hint="'--verbose'")
 
 
 def environment(program: str) -> str:

@@ -10,7 +10,15 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from ._command import environment, precision as bits, release, run, stages, Study
+from ._command import (
+    check_verbose,
+    precision as bits,
+    print_version,
+    run,
+    stages,
+    Study,
+    Verbose,
+)
 
 
 app = typer.Typer(add_completion=False)
@@ -82,11 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _print_version(context: Any, asked: bool) -> bool:
-    if asked:
-        verbose = context.params["verbose"]
-        print(environment("camojab") if verbose else f"camojab {release()}")
-        raise typer.Exit()
-    return asked
+    return print_version("camojab", asked, context.params["verbose"])
 
 
 @app.callback()
@@ -97,19 +101,10 @@ def options(
             "--version", callback=_print_version, help="Print the version and leave."
         ),
     ] = False,
-    verbose: Annotated[
-        bool,
-        # Eager, or its value would not be known yet when the version is printed.
-        typer.Option(
-            "--verbose",
-            is_eager=True,
-            help="With --version: the line to paste in a bug report.",
-        ),
-    ] = False,
+    verbose: Verbose = False,
 ) -> None:
     """Judder, aliasing and blur of moving, coarsely shaded textures, in JND."""
-    if verbose:
-        raise typer.BadParameter("goes with --version.", param_hint="'--verbose'")
+    check_verbose(verbose)
 
 
 @app.command()
