@@ -5,6 +5,7 @@ from ._calibration import (
     quality_by_refresh_rate as quality_by_refresh_rate,
     quality_by_shading_rate as quality_by_shading_rate,
 )
+from ._curves import contour_map as contour_map, curves as curves
 from ._fit import profile_likelihood as profile_likelihood
 from ._models import (
     measured_and_predicted as measured_and_predicted,
