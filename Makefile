@@ -5,7 +5,7 @@ BIN = $(VENV)/bin
 OUT ?= out
 PYTEST_FLAGS ?= -n auto --dist loadfile
 
-.PHONY: run test smoke bench lint clean
+.PHONY: run test smoke bench lint reference notebooks clean
 
 # The main job on built-in data: constants, tables, a rate map and a report.
 run: $(VENV)/run.installed
@@ -31,11 +31,20 @@ bench: $(VENV)/bench.installed
 	$(BIN)/python tests/benchmarks/bench_capture.py
 	$(BIN)/python tests/benchmarks/bench_metrics.py
 	$(BIN)/python tests/benchmarks/bench_network.py
+	$(BIN)/python tests/benchmarks/bench_explore.py
 
 lint: $(VENV)/dev.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+# The page of every public name, from the docstrings.
+reference: $(VENV)/notebooks.installed
+	$(BIN)/python notebooks/reference.py
+
+# What the notebooks store, of the built-in data.
+notebooks: $(VENV)/test.installed
+	$(BIN)/python notebooks/execute.py
 
 $(VENV)/%.installed: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

@@ -45,6 +45,13 @@ class PixelCost(AbstractCost, strict=True):
 
     **Raises:** `ValueError` for a size below 1 px; `of`, if a frame has other numbers
     of tiles.
+
+    **Example:**
+
+    >>> from alsarr import PixelCost, procedural_frame
+    >>> frame = procedural_frame(3, rows=2, columns=3, seed=1)
+    >>> PixelCost(size_px=(40, 32)).of(frame)[2].tolist()  # half a tile is left
+    [8.0, 16.0, 16.0, 32.0, 64.0, 64.0, 128.0]
     """
 
     size_px: tuple[int, int] | None = eqx.field(static=True, default=None)

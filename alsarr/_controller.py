@@ -104,6 +104,19 @@ class Controller(eqx.Module, strict=True):
 
     **Source:** Jindal et al. (2021), Section 5; choosing both rates at once, and prices
     of changes, are this package's own.
+
+    **Example:**
+
+    >>> from alsarr import Budget, Controller, procedural_frame
+    >>> from alsarr.oracle import UniformOracle
+    >>> from camojab import Display
+    >>> display = Display(ppd=60, refresh_rate=60, luminance=100)
+    >>> controller = Controller(display, UniformOracle(), Budget.share(0.25))
+    >>> decision = controller(procedural_frame(3, rows=9, columns=16, seed=1))
+    >>> decision.rate.shape
+    (9, 16)
+    >>> controller.why(decision)
+    "the budget binds: 9216 of 9216 px at 60 Hz, the display's only one."
     """
 
     display: Display

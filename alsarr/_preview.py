@@ -31,6 +31,15 @@ def coarse(image: ArrayLike, rate: ArrayLike) -> Float[Array, "height width 3"]:
 
     **Raises:** `ValueError` for another shape or values out of range; under a JAX
     transformation values are checked at run time.
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from alsarr import coarse, RATES
+    >>> checks = np.indices((16, 16)).sum(axis=0)[..., None] % 2 * np.ones(3)
+    >>> rate = np.array([[RATES.names.index("2x1")]])
+    >>> f"{coarse(checks, rate).min():.3f}"  # sRGB of half the light of white
+    '0.735'
     """
     picture = checked_picture("image", image)
     return _coarse(picture, _tile_rates(rate, picture.shape[:2]))

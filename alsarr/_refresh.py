@@ -105,6 +105,13 @@ def every_rate(highest: int, lowest: int = 1) -> Float[np.ndarray, " rates"]:
     """Each whole refresh rate of an adaptive-sync display, `lowest` to `highest` [Hz].
 
     **Raises:** `ValueError` unless 1 <= `lowest` <= `highest`.
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from alsarr import every_rate
+    >>> print(np.asarray(every_rate(120, 110)).round(1))
+    [110. 111. 112. 113. 114. 115. 116. 117. 118. 119. 120.]
     """
     if not 1 <= lowest <= highest:
         raise ValueError(

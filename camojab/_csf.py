@@ -201,6 +201,15 @@ def sensitivity(
     as calibrated by Laird et al. 2006 (spatio-velocity part); combined as in the
     program released with Jindal et al. 2021. The paper itself names the function of
     Mantiuk et al. 2021 instead.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> import numpy as np
+    >>> from camojab import sensitivity
+    >>> rho = jnp.array([1.0, 4.0, 16.0])  # [cycles/deg]
+    >>> print(np.asarray(sensitivity(rho, 0.0, 100.0)).round(1))
+    [13.4 28.9 11.1]
     """
     rho = check(
         "spatial_frequency",

@@ -50,6 +50,12 @@ class Display(_Conditions):
     JAX transformation the same sentence is raised at run time.
 
     **Source:** Jindal et al. 2021, Eq. 2.
+
+    **Example:**
+
+    >>> from camojab import Display
+    >>> Display(ppd=60, refresh_rate=120, luminance=100).report()
+    'ppd=60 [px/deg], refresh_rate=120 [Hz], luminance=100 [cd/m^2], persistence=1 [1]'
     """
 
     ppd: Float[Array, "..."]
@@ -96,6 +102,14 @@ class Display(_Conditions):
 
         **Arguments:** `resolution_px`: width and height [px]; `diagonal_m` and
         `distance_m` [m], > 0; the rest as for `Display`.
+
+        **Example:**
+
+        >>> from camojab import Display
+        >>> desk = dict(resolution_px=(2560, 1440), diagonal_m=0.68, distance_m=0.6)
+        >>> display = Display.from_geometry(**desk, refresh_rate=144, luminance=100)
+        >>> round(float(display.ppd), 2)  # [px/deg]
+        45.23
         """
         for name, value in (("diagonal_m", diagonal_m), ("distance_m", distance_m)):
             if not 0 < value < math.inf:

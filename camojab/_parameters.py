@@ -93,7 +93,17 @@ class Parameters(eqx.Module):
 
     @classmethod
     def published(cls, formulation: Formulation = Formulation.RELEASED) -> "Parameters":
-        """The shipped constants of a formulation (`data/parameters_*.json`)."""
+        """The shipped constants of a formulation (`data/parameters_*.json`).
+
+        **Example:**
+
+        >>> from camojab import Formulation, Parameters
+        >>> for formulation in Formulation:
+        ...     constants = Parameters.published(formulation)
+        ...     print(formulation.value, f"{constants.ws:.3f} {constants.beta:.4f}")
+        released -3.699 0.3597
+        paper -0.001 0.5748
+        """
         return load_parameters(shipped(f"parameters_{formulation.value}.json"))[0]
 
     def report(self) -> str:

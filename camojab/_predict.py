@@ -106,6 +106,20 @@ def predict(
     **Accuracy:** as `distortion`.
 
     **Source:** Jindal et al. 2021, Eq. 1 to 23.
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> import pandas as pd
+    >>> from camojab import predict
+    >>> settings = dict(texture="noise", mip_level=0, rate_x=[1.0, 0.5], rate_y=1.0)
+    >>> shown = dict(mean_luminance_cd_m2=100, persistence=1, ppd=60)
+    >>> moving = dict(velocity_deg_s=10, refresh_rate_hz=60)
+    >>> noise = np.random.default_rng(0).uniform(size=(512, 512))
+    >>> table = pd.DataFrame(settings | shown | moving)
+    >>> table = predict(table, textures={"noise": noise})
+    >>> print(table["quality_jnd"].to_numpy().round(1))
+    [-24.9 -27.8]
     """
     names = [str(name) for name in table.columns]
     check_columns(names, required=("texture", *REQUIRED), added=ADDED)

@@ -42,6 +42,19 @@ def quality(
     included.
 
     **Source:** Jindal et al. 2021, Eq. 1.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> import numpy as np
+    >>> from camojab import Display, quality, Shading, Spectrum, Viewing
+    >>> noise = np.random.default_rng(0).uniform(size=(512, 512))
+    >>> display = Display(ppd=60, refresh_rate=120, luminance=100)
+    >>> moving = Viewing(jnp.array([0.0, 10.0, 30.0]))  # [deg/s]
+    >>> coarse = Shading(rate_x=0.5)
+    >>> jnd = quality(Spectrum.from_texture(noise), display, moving, coarse)
+    >>> print(np.asarray(jnd).round(1))
+    [-18.3 -23.  -30.1]
     """
     _check_precision(spectrum)
     condition = _condition(
@@ -87,6 +100,17 @@ def distortion(
     error of 1e-8 in double and 1e-4 in single precision (`tests/test_quality.py`).
 
     **Source:** Jindal et al. 2021, Eq. 2 to 23.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> import numpy as np
+    >>> from camojab import Display, distortion, Spectrum, Viewing
+    >>> noise = np.random.default_rng(0).uniform(size=(512, 512))
+    >>> display = Display(ppd=60, refresh_rate=jnp.array([30.0, 60.0]), luminance=100)
+    >>> parts = distortion(Spectrum.from_texture(noise), display, Viewing(10.0))
+    >>> print(np.asarray(parts.spatial).round(1), np.asarray(parts.temporal).round(1))
+    [7.7 6.2] [4.1 0.7]
     """
     _check_precision(spectrum)
     condition = _condition(
@@ -198,6 +222,18 @@ def pool(
     a further display or velocity costs about a tenth of starting from the spectrum.
 
     **Raises:** `ValueError` if the spectrum is in a precision below single.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> import numpy as np
+    >>> from camojab import Display, pool, Pooled, pooled_quality, Spectrum, Viewing
+    >>> noise = np.random.default_rng(0).uniform(size=(512, 512))
+    >>> pooled = pool(Spectrum.from_texture(noise), fidelity=Pooled(2000))
+    >>> display = Display(ppd=60, refresh_rate=60, luminance=100)
+    >>> moving = Viewing(jnp.array([0.0, 10.0]))  # [deg/s]
+    >>> print(np.asarray(pooled_quality(pooled, display, moving)).round(1))
+    [ -5.7 -24.9]
     """
     _check_precision(spectrum)
     return _pool(

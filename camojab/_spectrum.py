@@ -51,6 +51,16 @@ class Spectrum(eqx.Module):
         encoding.
 
         **Source:** Jindal et al. 2021, Eq. 3; the size is that of the released program.
+
+        **Example:**
+
+        >>> import numpy as np
+        >>> from camojab import Spectrum
+        >>> spectrum = Spectrum.from_texture(np.full((16, 32), 0.5))
+        >>> spectrum.amplitude.shape
+        (512, 512)
+        >>> float(spectrum.amplitude[256, 256])  # the sum of all texels
+        256.0
         """
         if isinstance(texture, jax.core.Tracer):
             return cls(_amplitude(_traced(texture, encoding), jnp))

@@ -1,16 +1,21 @@
-"""Every Python block of the pages and every code cell of the notebooks runs."""
+"""Every Python block of the pages runs, and what the pages link to is there."""
 
-import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import typer
+
+import alsarr.cli
+import camojab.cli
 
 
 ROOT = Path(__file__).parents[1]
+PROGRAMS = {"camojab": camojab.cli.app, "alsarr": alsarr.cli.app}
 
 # They run in processes of their own, which know nothing of the lane.
 pytestmark = pytest.mark.float64
@@ -20,19 +25,12 @@ def _blocks(page):
     return re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL)
 
 
-def _cells(notebook):
-    for cell in json.loads(notebook.read_text())["cells"]:
-        if cell["cell_type"] == "code":
-            yield "".join(cell["source"])
-
-
 DOCUMENTS = {
     "README.md": _blocks(ROOT / "README.md"),
     **{
-        name: _blocks(ROOT / "notebooks" / name)
-        for name in ("precision.md", "controller.md", "network.md")
+        f"notebooks/{name}.md": _blocks(ROOT / "notebooks" / f"{name}.md")
+        for name in ("precision", "controller", "network", "votes", "tables", "engine")
     },
-    **{n.name: list(_cells(n)) for n in sorted(ROOT.glob("notebooks/*.ipynb"))},
 }
 
 
@@ -49,3 +47,40 @@ def test_document_runs(name, tmp_path):
         text=True,
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_links_lead_somewhere(name):
+    page = ROOT / name
+    links = re.findall(r"\]\(([^)#]+)(#[^)]*)?\)", page.read_text())
+    missing = [
+        link
+        for link, _ in links
+        if not link.startswith("https:") and not (page.parent / link).exists()
+    ]
+    assert missing == []
+    anchors = (ROOT / "notebooks" / "reference.md").read_text()
+    for link, anchor in links:
+        if link.endswith("reference.md") and anchor:
+            assert f'<a id="{anchor[1:]}"></a>' in anchors
+
+
+def _commands(name):
+    """Command lines of the shell blocks, with their own comments left out."""
+    text = (ROOT / name).read_text()
+    for block in re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL):
+        for line in block.replace("\\\n", " ").splitlines():
+            words = shlex.split(line, comments=True)
+            if words and words[0] in PROGRAMS:
+                yield words
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_commands_have_the_options_that_pages_say(name):
+    for program, *words in _commands(name):
+        command = typer.main.get_command(PROGRAMS[program]).commands[words.pop(0)]
+        if words[0] in getattr(command, "commands", ()):
+            command = command.commands[words.pop(0)]
+        known = {option for p in command.params for option in p.opts}
+        used = {word for word in words if word.startswith("-")}
+        assert used <= known

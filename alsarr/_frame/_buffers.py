@@ -187,7 +187,15 @@ class Frame(eqx.Module, strict=True):
 
 
 def mean_velocity(frame: Frame) -> Float[Array, ""]:
-    """Average speed over the tiles (Jindal et al. 2021, Section 5.2). [deg/s]"""
+    """Average speed over the tiles (Jindal et al. 2021, Section 5.2). [deg/s]
+
+    **Example:**
+
+    >>> from alsarr import mean_velocity, procedural_frame
+    >>> frame = procedural_frame(3, rows=9, columns=16, seed=1)
+    >>> f"{mean_velocity(frame):.1f}"  # [deg/s]
+    '12.6'
+    """
     return jnp.mean(safe_hypot(frame.velocity_x, frame.velocity_y))
 
 

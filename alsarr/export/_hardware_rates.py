@@ -37,6 +37,16 @@ def adapt_rates(
 
     **Source:** Microsoft DirectX-Specs, Variable Rate Shading; Vulkan specification,
     Primitive Fragment Shading Rate.
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from alsarr import RATES
+    >>> from alsarr.export import adapt_rates
+    >>> rate = np.array([[RATES.names.index("4x4"), RATES.names.index("1x2")]])
+    >>> adapted = adapt_rates(rate, available=("1x1", "1x2", "2x1", "2x2"))
+    >>> [RATES.names[i] for i in adapted.ravel()]
+    ['2x2', '1x2']
     """
     rate, tile = checked_map(rate), check_tile(tile)
     replacement = nearest_finer(available)

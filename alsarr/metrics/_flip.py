@@ -53,6 +53,14 @@ def flip(
     **Source:** Andersson et al. 2020, "FLIP: A Difference Evaluator for Alternating
     Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), doi:10.1145/3406183, with
     the constants of NVlabs/flip (BSD-3-Clause).
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from alsarr.metrics import flip
+    >>> black, white = np.zeros((16, 16, 3)), np.ones((16, 16, 3))
+    >>> f"{flip(black, white, ppd=67).mean():.2f}"
+    '0.97'
     """
     pair = checked_pair(reference, test)
     return difference(checked_ppd(ppd), emitted, *((image,) for image in pair))

@@ -26,6 +26,14 @@ def pool_tiles(
     **Source:** Cardoso et al. 2022, "Training and Predicting Visual Error for Real-Time
     Applications", Proc. ACM Comput. Graph. Interact. Tech. 5(1), doi:10.1145/3522625,
     whose programs take the maximum.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from alsarr.metrics import pool_tiles
+    >>> error = jnp.zeros((16, 40)).at[3, 35].set(0.75)
+    >>> print(pool_tiles(error))
+    [[0.   0.   0.75]]
     """
     if values.ndim != 2 or not values.size:
         raise ValueError(

@@ -33,6 +33,14 @@ def psnr(reference: ArrayLike, test: ArrayLike) -> Float[Array, ""]:
 
     **Returns:** -10 log10 of the mean of `squared_error`. [dB], >= 0, larger where the
     pictures are more alike, and infinite where they are equal.
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from alsarr.metrics import psnr
+    >>> grey = np.full((16, 16, 3), 0.5)
+    >>> f"{psnr(grey, grey + 0.1):.2f}"  # [dB]
+    '20.00'
     """
     return decibels(jnp.mean(squared_error(reference, test)))
 

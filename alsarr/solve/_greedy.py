@@ -52,6 +52,16 @@ def greedy_jindal2021(
     at 10, 25 and 50 % of full cost.
 
     **Source:** Jindal et al. (2021), ACM Trans. Graph. 40(6), Section 5.3.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from alsarr import RATES
+    >>> from alsarr.solve import greedy_jindal2021
+    >>> gain = jnp.log2(RATES.cost / 16.0)
+    >>> found = greedy_jindal2021(jnp.stack([gain, 10 * gain]), RATES.cost, 256 + 64)
+    >>> [RATES.names[i] for i in found.rate], float(found.cost)
+    (['2x2', '1x1'], 320.0)
     """
     problem = checked(
         quality,

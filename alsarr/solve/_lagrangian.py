@@ -34,6 +34,17 @@ def lagrangian(
 
     **Source:** Everett (1963), Oper. Res. 11(3), 399-417; the relaxation is that of
     Dyer (1984) and Zemel (1984).
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from alsarr import RATES
+    >>> from alsarr.solve import lagrangian
+    >>> gain = jnp.log2(RATES.cost / 16.0)
+    >>> gain = jnp.stack([gain, 10 * gain])  # the second tile matters more
+    >>> found = lagrangian(gain, RATES.cost, 256 + 64)
+    >>> [RATES.names[i] for i in found.rate], float(found.cost)
+    (['2x2', '1x1'], 320.0)
     """
     return _lagrangian(checked(quality, cost, budget, throw=throw))
 

@@ -90,6 +90,19 @@ def distil(
     forms without a tolerance, or a constraint that does not go with the reference.
 
     **Source:** Jindal et al. 2021, Eq. 28, 29 and 31.
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from alsarr.tables import distil, Domain, forms, sample, Scene
+    >>> from camojab import Spectrum
+    >>> noise = np.random.default_rng(0).uniform(size=(512, 512))
+    >>> scene = Scene.every(1, mip_levels=(0,), domain=Domain(velocity=(5, 30)))
+    >>> spectra = {"noise": Spectrum.from_texture(noise)}
+    >>> samples = sample(spectra, scene, ppd=60.0)
+    >>> tables = distil(samples, forms(ppd=60.0)[2], tolerance_jnd=1.0)
+    >>> bool(tables.meets)
+    False
     """
     relative_to = check_request(samples.rates, relative_to, constraint, tolerance_jnd)
     given = _given(form, tolerance_jnd, samples.ppd)

@@ -88,6 +88,16 @@ class Scene:
         - `refresh_rate`: lowest and highest. [Hz].
 
         **Raises:** `ValueError` for no frame, and as `Scene` and `Domain`.
+
+        **Example:**
+
+        >>> from alsarr import procedural_frame
+        >>> from alsarr.tables import Scene
+        >>> frame = procedural_frame(3, rows=9, columns=16, seed=1)
+        >>> rates = (30.0, 120.0)  # [Hz]
+        >>> scene = Scene.of_frames([frame], num_textures=3, refresh_rate=rates)
+        >>> len(scene.pairs)  # of 3 textures at 12 levels
+        10
         """
         if not frames:
             raise ValueError("`frames` must have at least one frame, got none.")

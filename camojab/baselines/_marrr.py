@@ -153,6 +153,16 @@ def quality_denes2020(
 
     **Arguments, returns, raises, source:** as `quality_terms_denes2020`, whose three
     terms are added. The difference of two conditions is Eq. 3 of Denes et al. 2020.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> import numpy as np
+    >>> from camojab import Display, Viewing
+    >>> from camojab.baselines import quality_denes2020
+    >>> display = Display(ppd=60, refresh_rate=jnp.array([60.0, 120.0]), luminance=100)
+    >>> print(np.asarray(quality_denes2020(display, Viewing(10.0))).round(2))
+    [15.37 17.77]
     """
     terms = quality_terms_denes2020(display, viewing, shading, constants)
     return terms.parallel + terms.orthogonal + terms.judder

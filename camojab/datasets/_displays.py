@@ -25,6 +25,12 @@ def displays() -> "pandas.DataFrame":
     **Raises:** nothing.
 
     **Source:** `data/displays.json`, which says it for each display.
+
+    **Example:**
+
+    >>> from camojab import datasets
+    >>> datasets.displays().set_index("name").loc["jindal2021_pc", "ppd"].item()
+    50.0
     """
     import pandas as pd
 

@@ -142,6 +142,24 @@ def fit(
 
     **Source:** Jindal et al. 2021, section 4.4; Levenberg 1944 and Marquardt 1963;
     votes as in Perez-Ortiz and Mantiuk 2017, arXiv:1712.03686.
+
+    **Example:**
+
+    >>> import jax
+    >>> import numpy as np
+    >>> import pandas as pd
+    >>> from camojab.fit import fit, Observations
+    >>> shown = dict(mean_luminance_cd_m2=100.0, refresh_rate_hz=60.0, persistence=1.0)
+    >>> moving = dict(texture="noise", velocity_deg_s=5.0, ppd=60.0, mip_level=0)
+    >>> jnd = [0.0, -0.5, -1.5]
+    >>> measured = dict(rate_x=[1.0, 0.5, 0.25], rate_y=1.0, quality_jnd=jnd)
+    >>> kind = dict(data_set="mine", block="mine", reference=0, temporal_only=False)
+    >>> table = pd.DataFrame(shown | moving | measured | kind)
+    >>> noise = np.random.default_rng(0).uniform(size=(512, 512))
+    >>> with jax.enable_x64(True):
+    ...     found = fit(Observations(table, {"noise": noise}), free=["ws"])
+    >>> print(found.report())
+    released, ws=-0.683726±0.03
     """
     start = start or Parameters.published(formulation)
     data_sets = list(dict.fromkeys(data.table["data_set"]))

@@ -79,6 +79,14 @@ def scale(
     float32, which differ by less than 1e-6 JND on these votes.
 
     **Source:** Thurstone 1927, Case V, with 75 % preferring at 1 JND.
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from camojab.votes import scale
+    >>> wins = np.array([[0, 15, 18], [5, 0, 14], [2, 6, 0]])
+    >>> print(np.asarray(scale(wins).quality).round(2))  # [JND]
+    [ 0.96 -0.07 -0.89]
     """
     counts = counts_of(wins)
     check_linked(counts, range(len(counts)), prior, "`wins`")

@@ -14,7 +14,17 @@ SIGMA = 1.482602218505602
 def preference(
     quality_a: Float[Array, "*n"], quality_b: Float[Array, "*n"]
 ) -> Float[Array, "*n"]:
-    """Probability that A is preferred to B, from their qualities [JND]. In (0, 1)."""
+    """Probability that A is preferred to B, from their qualities [JND]. In (0, 1).
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> import numpy as np
+    >>> from camojab.votes import preference
+    >>> chosen = preference(jnp.array([0.0, 1.0, 2.0]), jnp.zeros(3))
+    >>> print(np.asarray(chosen).round(3))
+    [0.5   0.75  0.911]
+    """
     return jax.scipy.stats.norm.cdf((quality_a - quality_b) / SIGMA)
 
 

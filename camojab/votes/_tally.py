@@ -50,6 +50,19 @@ def count(
     **Raises:** `TableError`, a `ValueError`, naming the rows of `votes` that are not
     votes; `ValueError` naming a condition of `votes` that is not in the list, or is
     there twice.
+
+    **Example:**
+
+    >>> import pandas as pd
+    >>> from camojab.votes import count
+    >>> votes = pd.DataFrame({
+    ...     "condition_a": ["fine", "fine", "coarse"],
+    ...     "condition_b": ["coarse", "coarse", "fine"],
+    ...     "a_preferred": [True, True, True],
+    ... })
+    >>> count(votes, ["fine", "coarse"])
+    array([[0, 2],
+           [1, 0]])
     """
     flags = check_votes(votes, SIDES)
     place = {name: i for i, name in enumerate(conditions)}
