@@ -221,12 +221,12 @@ def input_shares(attributions: Mapping[str, Attribution]) -> "Figure":
         axis.set_title(name, fontsize=10)
         axis.set_ylabel("input channel")
     panels[0].invert_yaxis()
-    panels[-1].legend(
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
         title="pixels that were",
         fontsize=8,
         title_fontsize=8,
-        loc="center left",
-        bbox_to_anchor=(1.0, 0.5),
+        loc="outside right center",
         frameon=False,
     )
     return figure
