@@ -81,7 +81,7 @@ def test_scaled_quality(groups):
 def test_scaled_quality_without_groups_or_intervals():
     table = scale(1, intervals=False).drop(columns="block")
     (axis,) = drawn(scaled_quality(table)).axes
-    assert axis.get_title() == ""
+    assert axis.get_title() == "" and axis.get_ylabel() == "condition"
     found, ends = points(axis.containers[0])
     np.testing.assert_array_equal(found[:, 0], table["quality_jnd"])
     assert ends is None
@@ -190,6 +190,14 @@ def test_rmse_by_block():
         assert len(axis.lines) == (3 if axis.get_title() == "paper" else 0)
     named = {t.get_text() for t in figure.legends[0].get_texts()}
     assert named == {"CaMoJAB", "MARRR", "NAS", "printed"}
+
+
+def test_more_models_than_colours_are_drawn():
+    one = models().query("model == model.iloc[0]")
+    table = pd.concat([one.assign(model=f"model {i}") for i in range(9)])
+    (axis,) = drawn(rmse_by_block(table)).axes
+    assert len(axis.containers) == 9
+    assert axis.get_xlabel() == "block"
 
 
 def test_a_model_without_a_number_leaves_a_gap():

@@ -53,15 +53,16 @@ def rmse_by_block(table: "pandas.DataFrame") -> "Figure":
 def _bars(axis: "Axes", rows: Any, models: list[str]) -> None:
     blocks = list(dict.fromkeys(rows["block"]))
     width = 0.8 / len(models)
-    for i, model in enumerate(models):
+    for i, (model, colour) in enumerate(zip(models, cycle(COLOURS), strict=False)):
         own = rows[rows["model"] == model].set_index("block").reindex(blocks)
         at = np.arange(len(blocks)) + (i - (len(models) - 1) / 2) * width
-        bars = axis.bar(at, own["rmse"], 0.9 * width, color=COLOURS[i], label=model)
+        bars = axis.bar(at, own["rmse"], 0.9 * width, color=colour, label=model)
         axis.bar_label(bars, fmt="%.2f", fontsize=7, padding=1)
         if own["printed"].notna().any():
             style = {"linestyle": "none", "marker": "_", "markersize": 14}
             axis.plot(at, own["printed"], color="black", label="printed", **style)
     axis.set_xticks(np.arange(len(blocks)), blocks, fontsize=8)
+    axis.set_xlabel("block")
     axis.margins(y=0.12)
     axis.spines[["top", "right"]].set_visible(False)
 
