@@ -1,5 +1,6 @@
 from . import (
     capture as capture,
+    explore as explore,
     export as export,
     metrics as metrics,
     network as network,

@@ -22,6 +22,7 @@ from .._rates import RATES
 from ._conditions import Conditions, RANGES
 from ._figures import QualityFigure, SpectrumFigure
 from ._pictures import FrameFigures, TextureFigure
+from ._style import CARD, HEAD, HEADING, HINT, PAGE, READOUT
 from ._upload import MOST_BYTES
 
 
@@ -36,35 +37,6 @@ _ABOUT = (
     "coarsely shaded spectrum is the replica of the texture's mean. The frame has the "
     "built-in textures, and the mean speed and luminance of the sliders."
 )
-
-_STYLE = """
-body { margin: 0; background: #f6f6f4; color: #222;
-       font: 14px/1.4 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; }
-"""
-
-_HEADING: dict[str, Any] = {
-    "font-size": "15px",
-    "font-weight": "600",
-    "margin-bottom": "-4px",
-}
-_TITLE: dict[str, Any] = {
-    "font-size": "21px",
-    "font-weight": "600",
-    "white-space": "nowrap",
-}
-_READOUT: dict[str, Any] = {
-    "font-size": "15px",
-    "line-height": "30px",
-    "white-space": "nowrap",
-}
-_HINT: dict[str, Any] = {"font-size": "12px", "color": "#555"}
-_CARD: dict[str, Any] = {
-    "background": "#ffffff",
-    "border": "1px solid #dddddd",
-    "border-radius": "6px",
-    "box-sizing": "border-box",
-    "padding": "8px",
-}
 
 # The file is read in the browser, and one that is too large never leaves it.
 _CHOOSE = """
@@ -149,8 +121,8 @@ def controls(textures: Sequence[str], oracles: Sequence[str]) -> Controls:
         ),
         budget=_slider("budget", "Budget [% of full rate]", 25, 6.25, 100, 0.25),
         oracle=_select("oracle", "Oracle", oracles, 262),
-        message=Div(text="", render_as_text=True, name="message", styles=_HINT),
-        readout=Div(text="", name="readout", styles=_READOUT),
+        message=Div(text="", render_as_text=True, name="message", styles=HINT),
+        readout=Div(text="", name="readout", styles=READOUT),
     )
 
 
@@ -197,13 +169,13 @@ def head(of: Controls) -> Any:
 
     By itself: all that stands in one layout is laid out anew when a text changes.
     """
-    title = Div(text=TITLE, render_as_text=True, styles=_TITLE, width=300)
+    title = Div(text=TITLE, render_as_text=True, styles=HEAD, width=300)
     return row(
         title,
         of.readout,
         sizing_mode="stretch_width",
         margin=(4, 8, 0, 8),
-        stylesheets=[GlobalInlineStyleSheet(css=_STYLE)],
+        stylesheets=[GlobalInlineStyleSheet(css=PAGE)],
     )
 
 
@@ -222,24 +194,22 @@ def page(of: Controls, figures: Figures) -> Any:
         of.oracle,
         _hint(_ABOUT),
         width=290,
-        styles=_CARD,
+        styles=CARD,
     )
     frame = figures.frame
     framed = column(
         row(frame.picture, frame.rates, spacing=8),
         frame.shares,
         sizing_mode="stretch_width",
-        styles=_CARD,
+        styles=CARD,
     )
     curves = row(
         figures.by_velocity.figure,
         figures.by_refresh_rate.figure,
         sizing_mode="stretch_width",
-        styles=_CARD,
+        styles=CARD,
     )
-    spectrum = column(
-        figures.spectrum.figure, sizing_mode="stretch_width", styles=_CARD
-    )
+    spectrum = column(figures.spectrum.figure, sizing_mode="stretch_width", styles=CARD)
     below = row(spectrum, framed, sizing_mode="stretch_width", spacing=8)
     right = column(curves, below, sizing_mode="stretch_width", spacing=8)
     return row(
@@ -252,8 +222,8 @@ def page(of: Controls, figures: Figures) -> Any:
 
 
 def _hint(text: str) -> Div:
-    return Div(text=text, render_as_text=True, styles=_HINT, width=262)
+    return Div(text=text, render_as_text=True, styles=HINT, width=262)
 
 
 def _heading(text: str) -> Div:
-    return Div(text=text, render_as_text=True, styles=_HEADING)
+    return Div(text=text, render_as_text=True, styles=HEADING)

@@ -1,4 +1,4 @@
-"""What the figures of the page have in common."""
+"""What the texts and the figures of the page look like."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,6 +6,35 @@ from typing import Any
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
+
+PAGE = """
+body { margin: 0; background: #f6f6f4; color: #222;
+       font: 14px/1.4 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; }
+"""
+
+HEADING: dict[str, Any] = {
+    "font-size": "15px",
+    "font-weight": "600",
+    "margin-bottom": "-4px",
+}
+HEAD: dict[str, Any] = {
+    "font-size": "21px",
+    "font-weight": "600",
+    "white-space": "nowrap",
+}
+READOUT: dict[str, Any] = {
+    "font-size": "15px",
+    "line-height": "30px",
+    "white-space": "nowrap",
+}
+HINT: dict[str, Any] = {"font-size": "12px", "color": "#555"}
+CARD: dict[str, Any] = {
+    "background": "#ffffff",
+    "border": "1px solid #dddddd",
+    "border-radius": "6px",
+    "box-sizing": "border-box",
+    "padding": "8px",
+}
 
 LEGEND: Mapping[str, Any] = {
     "border_line_color": None,
