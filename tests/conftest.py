@@ -1,5 +1,6 @@
 import functools
 import os
+import signal
 from pathlib import Path
 
 import jax
@@ -22,6 +23,9 @@ def pytest_configure(config):
     config.addinivalue_line(
         "markers", "float64: meaningful in double precision only (the reason beside it)"
     )
+    # What a shell starts in the background ignores interruptions, which tests send.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     single = config.getoption("--float32")
     if not single:
         # Compiling takes most of the time. Single precision is compiled as users do.
