@@ -54,6 +54,14 @@ def compiled_code_is_let_go():
     jax.clear_caches()
 
 
+@pytest.fixture(scope="module")
+def quick_compilation():
+    """Compiling takes a thousand times as long as what is compiled."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
+
+
 @functools.cache
 def _why_missing(name):
     from camojab.datasets import fetch, MissingData

@@ -5,7 +5,6 @@ import re
 
 import equinox as eqx
 import imageio.v3
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -47,12 +46,7 @@ def run(*arguments):
     return main(["compare", *map(str, arguments)])
 
 
-@pytest.fixture(scope="module", autouse=True)
-def quick_compilation():
-    """Each method is compiled, which takes thousand times as long as what it does."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ import dataclasses
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -83,12 +82,7 @@ def by_method(rows):
     return {name: [row for row in rows if row.method == name] for name in names}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def quick_compilation():
-    """Each method is compiled, which takes thousand times as long as what it does."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 
 @pytest.fixture(scope="module")

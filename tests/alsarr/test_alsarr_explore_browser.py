@@ -9,7 +9,6 @@ import threading
 from concurrent.futures import Future
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 from bokeh.document import Document
@@ -26,7 +25,10 @@ from camojab import luminance
 
 
 # What a browser shows does not depend on precision, and one is enough.
-pytestmark = pytest.mark.float64
+pytestmark = [
+    pytest.mark.float64,
+    pytest.mark.usefixtures("quick_compilation"),
+]
 
 PICTURES = Path(os.environ.get("CAMOJAB_ARTEFACTS", Path(__file__).parents[2] / "out"))
 
@@ -43,14 +45,6 @@ def lacking(reason):
     if os.environ.get("CI") == "true" and sys.platform == "linux":
         pytest.fail(reason)
     pytest.skip(reason)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quick_compilation():
-    """Compiling takes thousand times as long as what is compiled."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.fixture(scope="module")
