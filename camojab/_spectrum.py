@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from ._colour_science import colour_science
 from ._errors import check, shown
 
 
@@ -85,9 +86,7 @@ def luminance(texture: ArrayLike, *, encoding: str) -> Float[np.ndarray, "rows c
 
     **Raises:** `ValueError` as `Spectrum.from_texture` does.
     """
-    values = _checked(texture)
-    import colour
-
+    values, colour = _checked(texture), colour_science()
     name = "sRGB" if encoding == "linear" else encoding
     if name not in colour.RGB_COLOURSPACES:
         known = ", ".join(sorted(colour.RGB_COLOURSPACES))

@@ -5,6 +5,7 @@ import importlib
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 
@@ -41,6 +42,8 @@ def test_examples_of(name):
     assert sum(len(test.examples) for test in tests) == EXAMPLES[name]
     runner = doctest.DocTestRunner(verbose=False)
     report = []
-    for test in tests:
-        runner.run(test, out=report.append)
+    # As a new process prints, whatever other tests have imported into this one.
+    with np.printoptions(legacy=False):
+        for test in tests:
+            runner.run(test, out=report.append)
     assert runner.summarize(verbose=False).failed == 0, "".join(report)

@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float64
 
+from .._colour_science import colour_science
+
 
 _SIZE = 512
 
@@ -30,12 +32,12 @@ def builtin_textures() -> dict[str, Float64[np.ndarray, "512 512"]]:
 
 
 def _photographs() -> dict[str, Float64[np.ndarray, "512 512"]]:
-    import colour
     from skimage import data
 
+    decoding = colour_science().cctf_decoding
     images = {"brick": data.brick(), "grass": data.grass(), "gravel": data.gravel()}
     return {
-        name: np.asarray(colour.cctf_decoding(image / 255, function="sRGB"))
+        name: np.asarray(decoding(image / 255, function="sRGB"))
         for name, image in images.items()
     }
 

@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from skimage import data
@@ -52,3 +55,15 @@ def test_photographs_are_decoded_from_srgb(name):
     # IEC 61966-2-1, written out.
     expected = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
     np.testing.assert_allclose(builtin_textures()[name], expected, rtol=1e-12)
+
+
+def test_arrays_print_as_before():
+    # colour-science, imported for the decoding, sets how NumPy prints.
+    code = (
+        "import sys, numpy as np; from camojab.datasets import builtin_textures; "
+        "from camojab import luminance; before = np.get_printoptions(); "
+        "builtin_textures(); luminance([[0.5]], encoding='sRGB'); "
+        "assert 'colour' in sys.modules and np.get_printoptions() == before"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
