@@ -14,6 +14,26 @@ if TYPE_CHECKING:
     from .network import AbstractTransform, Samples
 
 
+# What the library calls the options.
+_OPTIONS = {
+    "`paths`": "`CAPTURES`",
+    "`names`": "`--channels`",
+    "`layers`": "the number of `--groups`",
+    "`groups[": "`--groups[",
+    "`mean`": "the mean of the metric",
+    "`ppd`": "`--ppd`",
+    "`metric`": "`--metric`",
+    "`outputs`": "`--outputs`",
+    "`channels`": "`--channels`",
+    "`crop`": "`--crop`",
+    "`held_out`": "`--held-out`",
+    "`learning_rate`": "`--learning-rate`",
+    "`learning_decay`": "`--learning-decay`",
+}
+
+# Not in [0, 1], for which the logistic transform is.
+_UNBOUNDED = ("jnflip", "jnyang", "psnr")
+
 MetricName = Literal["flip", "jnflip", "psnr", "yang", "jnyang"]
 
 
@@ -45,7 +65,10 @@ def train(
     ] = "1,1,2,4,1",
     transform: Annotated[
         Literal["clamped", "logistic"],
-        typer.Option(help="Of the metric, about its mean over the views."),
+        typer.Option(
+            help="Of the metric, about its mean over the views; logistic is for flip "
+            "and yang."
+        ),
     ] = "clamped",
     steps: Annotated[int, typer.Option(min=1, help="Steps in all.")] = 4000,
     batch: Annotated[int, typer.Option(min=1, help="Views a step.")] = 8,
@@ -80,9 +103,13 @@ def train(
         raise command.Unusable(f"{output}: must be a file to write that ends in .npz.")
     shape = None if crop is None else _options.size(crop, "--crop")
     layers = _options.counts(groups, "--groups")
-    with command.usable(), command.stages() as progress:
+    _check_transform(transform, metric)
+    with command.usable(_OPTIONS), command.stages() as progress:
+        import equinox as eqx
+
         from .capture import views
         from .network import (
+            ClampedTransform,
             DEFAULT_CHANNELS,
             evaluate,
             initial_network,
@@ -92,9 +119,26 @@ def train(
             train as fit,
             with_safety_offset,
         )
+        from .network._train import check_settings
 
         names = tuple(channels.split(",")) if channels else DEFAULT_CHANNELS
         rates = tuple(outputs.split(","))
+        # Settings are checked before the metric, which takes long, has a mean.
+        start = initial_network(
+            seed,
+            metric=metric,
+            ppd=ppd,
+            transform=ClampedTransform(1.0),
+            channels=names,
+            outputs=rates,
+            groups=layers,
+        )
+        check_settings(
+            region=start.region,
+            crop=shape,
+            learning_rate=learning_rate,
+            learning_decay=learning_decay,
+        )
         samples = load_samples(
             [path for folder in captures for path in views(folder)],
             metric=metric,
@@ -104,17 +148,9 @@ def train(
             progress=lambda done, total: progress("metric", done, total),
         )
         learned, judged = samples.split(held_out, seed=seed)
-        start = initial_network(
-            seed,
-            metric=metric,
-            ppd=ppd,
-            transform=_transform(transform, metric, learned),
-            channels=names,
-            outputs=rates,
-            groups=layers,
-        )
+        about = _transform(transform, metric, learned)
         training = fit(
-            start,
+            eqx.tree_at(lambda n: n.transform, start, about),
             learned,
             steps=steps,
             batch=batch,
@@ -139,6 +175,14 @@ def train(
     print(scores)
 
 
+def _check_transform(kind: str, metric: str) -> None:
+    if kind == "logistic" and metric in _UNBOUNDED:
+        raise typer.BadParameter(
+            f"must be clamped with --metric {metric}, got {kind}.",
+            param_hint="'--transform'",
+        )
+
+
 def _transform(
     kind: Literal["clamped", "logistic"], metric: str, samples: "Samples"
 ) -> "AbstractTransform":
@@ -147,7 +191,7 @@ def _transform(
 
     if metric == "psnr":
         return ClampedTransform(-0.015, 1.0)
-    mean = float(samples.targets.mean())
+    mean = samples.mean()
     if kind == "logistic":
         return LogisticTransform(mean)
     return ClampedTransform.from_mean(mean)

@@ -206,11 +206,15 @@ def _layers(
         kernel = weights.kernels[layer].astype(pair.dtype)
         bias = weights.biases[layer].astype(pair.dtype)
         ends = [(padding, padding)] * 2
-        found = lax.conv_general_dilated(features, kernel, (stride, stride), ends)
+        # A GPU would otherwise round to ten bits, here and below.
+        found = lax.conv_general_dilated(
+            features, kernel, (stride, stride), ends, precision="highest"
+        )
         features = jax.nn.relu(found + bias[None, :, None, None])
         weight = weights.linear[layer].astype(pair.dtype)
         unit = _normalised(features)
-        layers.append(jnp.tensordot(weight, (unit[0] - unit[1]) ** 2, axes=1))
+        square = (unit[0] - unit[1]) ** 2
+        layers.append(jnp.tensordot(weight, square, axes=1, precision="highest"))
     return layers
 
 

@@ -32,7 +32,7 @@ def psnr(reference: ArrayLike, test: ArrayLike) -> Float[Array, ""]:
     **Arguments, raises:** as `squared_error`.
 
     **Returns:** -10 log10 of the mean of `squared_error`. [dB], >= 0, larger where the
-    pictures are more alike, and infinite where they are equal.
+    pictures are more alike, and infinite where they are equal, with derivative 0.
 
     **Example:**
 
@@ -53,7 +53,8 @@ def psnr_tiles(
     **Arguments:** as `psnr`, and `tile`: width and height of a tile. [px], a whole
     number > 0.
 
-    **Returns:** [dB], >= 0, infinite for a tile that is equal in both.
+    **Returns:** [dB], >= 0, infinite for a tile that is equal in both, with derivative
+    0.
 
     **Raises:** `ValueError` as `psnr`, or for `tile`.
     """
@@ -63,5 +64,6 @@ def psnr_tiles(
 
 
 def decibels(error: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """PSNR of a mean squared error."""
-    return -10 * jnp.log10(error)
+    """PSNR of a mean squared error; of none it is infinite, with derivative 0."""
+    none = error == 0
+    return jnp.where(none, jnp.inf, -10 * jnp.log10(jnp.where(none, 1, error)))

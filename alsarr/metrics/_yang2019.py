@@ -43,7 +43,8 @@ def estimate_yang2019(
     **Arguments:**
 
     - `reference`: as for `yang2019`.
-    - `tile`: width and height of a tile. [px], a whole number > 0.
+    - `tile`: width and height of a tile. [px], a whole number > 0; 1 for the error of
+      each pixel, which `weber` and `pool_tiles` take an axis at a time.
 
     **Returns:** for each tile the error along x, of 2x1, and along y, of 1x2. [1], in
     [0, 1].

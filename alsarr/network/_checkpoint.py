@@ -14,7 +14,7 @@ from camojab._files import replacing
 from ._file import read_archive
 
 
-SCHEMA = "alsarr-training/1"
+SCHEMA = "alsarr-training/2"
 
 _MOST_BYTES = 2**30
 

@@ -13,8 +13,9 @@ def convolved(
     """Correlation, of pictures with so many rows and columns of zeros around them."""
     layout = ("NHWC", "HWIO", "NHWC")
     around = ((padding, padding), (padding, padding))
+    # A GPU would otherwise round to ten bits.
     return jax.lax.conv_general_dilated(
-        x, kernel, (1, 1), around, dimension_numbers=layout
+        x, kernel, (1, 1), around, dimension_numbers=layout, precision="highest"
     )
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ._convolution import convolved, per_channel
-from ._model import ConvolutionBlock, MetricNetwork
+from ._model import ConvolutionBlock, in_own_unit as in_own_unit, MetricNetwork
 
 
 # Rows that the two layers at full resolution do at once: their intermediate results,
@@ -49,17 +49,6 @@ def infer(
     for block in blocks:
         y = block(y)
     return jax.nn.sigmoid(jnp.moveaxis(y[0], -1, 0))
-
-
-def in_own_unit(
-    network: MetricNetwork,
-    transformed: Float[Array, "outputs rows columns"],
-    safe: bool,
-) -> Float[Array, "outputs rows columns"]:
-    """What `network.predict` makes of the outcome of a call."""
-    if safe:
-        transformed = transformed + network.safety_offset.astype(transformed.dtype)
-    return network.transform.inverse(jnp.clip(transformed, 0.0, 1.0))
 
 
 def _two_in_strips(

@@ -184,10 +184,7 @@ class MetricNetwork(eqx.Module, strict=True):
 
         **Returns:** T^-1 of what a call gives, the offset added and clipped to [0, 1].
         """
-        y = self(x)
-        if safe:
-            y = y + self.safety_offset.astype(y.dtype)
-        return self.transform.inverse(jnp.clip(y, 0.0, 1.0))
+        return in_own_unit(self, self(x), safe)
 
     def prepared(
         self, x: Float[Array, "*batch channels height width"]
@@ -200,6 +197,17 @@ class MetricNetwork(eqx.Module, strict=True):
             )
         x = x.astype(self.blocks[0].weight.dtype)
         return pad_to_regions(_masked(x, self.channels), self.region)
+
+
+def in_own_unit(
+    network: MetricNetwork,
+    transformed: Float[Array, "outputs rows columns"],
+    safe: bool,
+) -> Float[Array, "outputs rows columns"]:
+    """What `network.predict` makes of the outcome of a call."""
+    if safe:
+        transformed = transformed + network.safety_offset.astype(transformed.dtype)
+    return network.transform.inverse(jnp.clip(transformed, 0.0, 1.0))
 
 
 def initial_network(

@@ -1,5 +1,7 @@
 """Networks run by onnxruntime, which is the faster of the two on a CPU."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +12,22 @@ from camojab._extras import needed
 from ._fast import in_own_unit
 from ._model import MetricNetwork
 from ._onnx_export import INPUT, onnx_bytes
+
+
+def session(network: MetricNetwork, threads: int | None) -> Any:
+    """Of onnxruntime, for the graph of a network; arguments as for `OnnxNetwork`."""
+    runtime = needed("onnx", "onnxruntime", "running ONNX graphs")
+    if threads is not None and threads < 1:
+        raise ValueError(f"`threads` must be > 0, got {threads}.")
+    options = runtime.SessionOptions()
+    options.intra_op_num_threads = threads or 0
+    # Errors only: it also warns of machines that will not have threads pinned.
+    options.log_severity_level = 3
+    # Threads that spin between calls take the cores from JAX, whose turn it is then.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    return runtime.InferenceSession(
+        onnx_bytes(network), options, providers=["CPUExecutionProvider"]
+    )
 
 
 class OnnxNetwork:
@@ -35,17 +53,8 @@ class OnnxNetwork:
     network: MetricNetwork
 
     def __init__(self, network: MetricNetwork, *, threads: int | None = None):
-        runtime = needed("onnx", "onnxruntime", "running ONNX graphs")
-        if threads is not None and threads < 1:
-            raise ValueError(f"`threads` must be > 0, got {threads}.")
-        options = runtime.SessionOptions()
-        options.intra_op_num_threads = threads or 0
-        # Errors only: it also warns of machines that will not have threads pinned.
-        options.log_severity_level = 3
         self.network = network
-        self._session = runtime.InferenceSession(
-            onnx_bytes(network), options, providers=["CPUExecutionProvider"]
-        )
+        self._session = session(network, threads)
 
     def __call__(
         self, x: Float[Array, "channels height width"]

@@ -9,7 +9,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float32
@@ -27,6 +26,8 @@ SCHEMA = "alsarr-targets/1"
 _MOST_BYTES = 2**31
 # As many views are computed between two writings of their targets.
 _BETWEEN = 16
+# What of a metric is as good as infinite.
+_MOST_MEDIANS = 10_000.0
 
 Metric = Callable[..., Float[Array, "rows columns"]]
 """`alsarr.metrics.METRICS` has them: (reference, test, *, ppd) -> one value a tile."""
@@ -60,6 +61,20 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def mean(self) -> float:
+        """Mean of the targets, about which a transform is made.
+
+        It leaves out what is as good as infinite: values of more than 10 000 times the
+        median of those above 0. Where the reference is black, an error over luminance
+        (`alsarr.metrics.weber`) is a million times its median and more, so that a
+        single tile would decide; transforms take it to 1 all the same. Without any it
+        is the plain mean: no other tile of four rendered scenes came to 800 medians.
+
+        **Returns:** [unit of the metric], 0 where nothing is left.
+        """
+        values = counted(self.targets, largest_counted(self.targets))
+        return float(values.mean()) if values.size else 0.0
 
     def take(self, views: Sequence[int]) -> "Samples":
         """Some of the views."""
@@ -150,7 +165,8 @@ def load_samples(
     - `ppd`: for which the metric is computed. [px/deg], > 0
     - `channels`: inputs, of `alsarr.capture.CHANNELS`. "seen" is always loaded.
     - `outputs`: names of rates.
-    - `function`: a metric that is not in `METRICS`, such as `lpips_metric(weights)`.
+    - `function`: a metric that is not in `METRICS`, such as `lpips_metric(weights)`. It
+        is called as it is; most of one's own are faster under `jax.jit`.
     - `keep`: whether the metric is kept beside the views, and read from there.
     - `progress`: called with the number of views done and of all.
 
@@ -178,6 +194,17 @@ def load_samples(
         # What was computed until an interruption is not lost.
         targets.write()
     return gathered.samples(outputs, metric, ppd)
+
+
+def largest_counted(targets: np.ndarray) -> float:
+    """Of some targets, the largest that may count in their mean: see `Samples.mean`."""
+    positive = targets[np.isfinite(targets) & (targets > 0)]
+    return _MOST_MEDIANS * float(np.median(positive)) if positive.size else 0.0
+
+
+def counted(targets: np.ndarray, largest: float) -> np.ndarray:
+    """The targets, one after the other, that count in a mean."""
+    return targets[np.isfinite(targets) & (targets <= largest)]
 
 
 class _Gathered:
@@ -309,11 +336,13 @@ def _measured(
                 f"`metric` must be one of {', '.join(METRICS)}, got {metric}."
             )
         function = METRICS[metric]
-    compiled = eqx.filter_jit(lambda r, t: function(r, t, ppd=ppd))
+    of: Metric = function
 
     def measure(images: np.ndarray) -> np.ndarray:
         light = jnp.asarray(images.astype(np.float32) / np.float32(255))
-        found = [compiled(light[-1], light[RATES.names.index(r)]) for r in outputs]
+        tests = [light[RATES.names.index(rate)] for rate in outputs]
+        # As one program FLIP takes several times as long.
+        found = [of(light[-1], test, ppd=ppd) for test in tests]
         values = np.stack([np.asarray(f, np.float32) for f in found])
         if np.isnan(values).any():
             raise ValueError(

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -21,7 +21,7 @@ from ._checkpoint import read_checkpoint, write_checkpoint
 from ._evaluate import check_fits, predictions, transformed_targets
 from ._loss import adaptive_error, Statistics, training_pass
 from ._model import MetricNetwork
-from ._samples import Samples
+from ._samples import counted, largest_counted, Samples
 
 
 # Of the running statistics of batch normalisation, as PyTorch's default.
@@ -97,8 +97,10 @@ def train(
     - `learning_decay`: factor of the learning rate from step to step. [1], in (0, 1]
     - `weight_decay`: share of each weight that is added to its slope. [1], >= 0
     - `running_mean`: whether the transform follows the mean of all targets that were
-        seen so far (Section 3.3.1), instead of staying as it is.
-    - `every`: steps between evaluations, and between writings of the checkpoint. > 0
+        seen so far (Section 3.3.1), without those that `Samples.mean` leaves out and as
+        soon as it is positive, instead of staying as it is.
+    - `every`: steps between evaluations, and between writings of the checkpoint. > 0.
+        The last step is evaluated too.
     - `patience`: stop after as many evaluations without improvement. > 0. Needs
         `held_out`.
     - `checkpoint`: file to go on from if it is there. It is written whole or not at
@@ -114,22 +116,39 @@ def train(
     **Source:** Cardoso et al. 2022, Sections 3.3 and 4.1 and Appendix B.
     """
     size = _checked_crop(crop, samples, network.region)
-    settings = _Settings(batch, seed, size, flips, running_mean, every)
+    up_to = largest_counted(samples.targets) if running_mean else None
+    settings = _Settings(batch, seed, size, flips, up_to, every)
     rates = _Rates(learning_rate, learning_decay, weight_decay)
-    _check(network, samples, held_out, steps, settings, rates, patience)
+    _check(network, samples, held_out, steps, settings, patience)
     task = _task(network, samples, held_out, settings, rates)
     run = _Run(network, task, None if checkpoint is None else Path(checkpoint))
     try:
+        # An interruption may have come between a step and its evaluation.
+        run.judge_if_due(held_out, every)
         while run.step < steps and not run.out_of(patience):
             loss = run.advance(samples, settings, rates)
-            if run.step % every == 0 or run.step == steps:
-                run.judge(held_out)
+            run.judge_if_due(held_out, every)
+            if run.step == steps:
                 run.save()
             progress(run.step, steps, loss)
+        return run.result(held_out)
     except KeyboardInterrupt:
         run.save()
         raise
-    return run.result(held_out is not None)
+
+
+def check_settings(
+    *,
+    region: int,
+    crop: tuple[int, int] | None,
+    learning_rate: float,
+    learning_decay: float,
+) -> None:
+    """Fail for what `train` would refuse whatever the samples, and without optax."""
+    _needed_optax()
+    _Rates(learning_rate, learning_decay, 0.0)
+    if crop is not None:
+        _check_whole_regions(crop, region)
 
 
 class _Settings(eqx.Module, strict=True):
@@ -137,7 +156,7 @@ class _Settings(eqx.Module, strict=True):
     seed: int
     crop: tuple[int, int]
     flips: bool
-    running_mean: bool
+    mean_up_to: float | None
     every: int
 
 
@@ -152,6 +171,14 @@ class _Rates(eqx.Module, strict=True):
         self.learning = jnp.asarray(learning, jnp.float32)
         self.decay = jnp.asarray(decay, jnp.float32)
         self.weight = jnp.asarray(weight, jnp.float32)
+
+    def __check_init__(self):
+        if not 0 < self.learning < math.inf:
+            raise ValueError(f"`learning_rate` must be > 0, got {self.learning:g}.")
+        if not 0 < self.decay <= 1:
+            raise ValueError(f"`learning_decay` must be in (0, 1], got {self.decay:g}.")
+        if not 0 <= self.weight < math.inf:
+            raise ValueError(f"`weight_decay` must be >= 0, got {self.weight:g}.")
 
 
 class _State(eqx.Module, strict=True):
@@ -169,25 +196,23 @@ class _Run:
         slopes = _optimiser(_Rates(1.0, 1.0, 0.0)).init(_weights(network))
         state = _State(network, slopes, jnp.zeros((), jnp.int32))
         self._task, self._path = task, path
-        self._at: tuple[_State, _Record] = (state, _Record())
-        self._best = network
+        self._at = _Place(state, network, _Record())
         found = path and read_checkpoint(path, task, (state, network))
         if found:
-            (state, self._best), numbers = found
+            (state, best), numbers = found
             rows = tuple(map(tuple, numbers.pop("history")))
-            self._at = (state, _Record(**numbers, history=rows))
+            self._at = _Place(state, best, _Record(**numbers, history=rows))
 
     @property
     def step(self) -> int:
-        return self._at[1].step
+        return self._at.record.step
 
     def advance(self, samples: Samples, settings: _Settings, rates: _Rates) -> float:
-        state, record = self._at
+        state, best, record = self._at
         x, target = _drawn(samples, state.network.channels, settings, record.step)
-        record = record.counting(target) if settings.running_mean else record
-        if settings.running_mean:
-            centred = _centred(state.network, record.total / record.count)
-            state = eqx.tree_at(lambda s: s.network, state, centred)
+        if settings.mean_up_to is not None:
+            record = record.counting(counted(target, settings.mean_up_to))
+            state = _centred(state, record.mean)
         state, loss = _step(state, jnp.asarray(x), jnp.asarray(target), rates)
         loss = float(loss)
         if not math.isfinite(loss):
@@ -195,42 +220,51 @@ class _Run:
                 f"`learning_rate` must keep the loss finite, got {loss} at step "
                 f"{record.step + 1}."
             )
-        # One assignment, so that an interruption finds both of the same step.
-        self._at = (state, record.after(loss))
+        # One assignment, so that an interruption finds all of the same step.
+        self._at = _Place(state, best, record.after(loss))
         return loss
 
-    def judge(self, held_out: Samples | None) -> None:
-        state, record = self._at
-        network = state.network
-        error = float("nan") if held_out is None else _held_out_error(network, held_out)
-        better = held_out is None or error < record.best
-        if better:
-            self._best = network
-        self._at = (state, record.judged(error, better))
+    def judge_if_due(self, held_out: Samples | None, every: int) -> None:
+        record = self._at.record
+        if record.since and record.step % every == 0:
+            self._at = _judged(self._at, held_out)
+            self.save()
 
     def out_of(self, patience: int | None) -> bool:
-        record = self._at[1]
-        return patience is not None and record.waited >= patience
+        return patience is not None and self._at.record.waited >= patience
 
     def save(self) -> None:
         if self._path is not None:
-            state, record = self._at
-            contents = (state, self._best)
+            state, best, record = self._at
+            contents = (state, best)
             write_checkpoint(self._path, self._task, contents, record.numbers())
 
-    def result(self, judged: bool) -> Training:
-        state, record = self._at
+    def result(self, held_out: Samples | None) -> Training:
+        # Not kept: a training of more steps does not stop to evaluate this one.
+        at = _judged(self._at, held_out) if self._at.record.since else self._at
         return Training(
-            network=self._best if judged else state.network,
-            step=record.best_step if judged else record.step,
-            steps=record.step,
-            history=np.array(record.history, float).reshape(-1, 3),
+            network=at.best,
+            step=at.record.best_step,
+            steps=at.record.step,
+            history=np.array(at.record.history, float).reshape(-1, 3),
         )
+
+
+class _Place(NamedTuple):
+    """Where a training is; without held-out samples the last evaluated is the best."""
+
+    state: _State
+    best: MetricNetwork
+    record: "_Record"
 
 
 @dataclass(frozen=True)
 class _Record:
-    """The numbers of a training that are no arrays."""
+    """The numbers of a training that are no arrays.
+
+    `losses` is the sum over the `since` steps after the last evaluation; `total` and
+    `count` are of the targets that the running mean counts.
+    """
 
     step: int = 0
     losses: float = 0.0
@@ -245,10 +279,13 @@ class _Record:
     def numbers(self) -> dict[str, Any]:
         return dict(vars(self))
 
-    def counting(self, target: np.ndarray) -> "_Record":
-        finite = target[np.isfinite(target)]
-        total = self.total + float(finite.sum(dtype=np.float64))
-        return self._with(total=total, count=self.count + finite.size)
+    @property
+    def mean(self) -> float:
+        return self.total / max(self.count, 1)
+
+    def counting(self, targets: np.ndarray) -> "_Record":
+        total = self.total + float(targets.sum(dtype=np.float64))
+        return self._with(total=total, count=self.count + targets.size)
 
     def after(self, loss: float) -> "_Record":
         return self._with(
@@ -296,13 +333,17 @@ def _step(
 
 def _optimiser(rates: _Rates):
     """RMSprop as PyTorch has it: the epsilon outside of the root, no momentum."""
-    optax = needed("train", "optax", "training")
+    optax = _needed_optax()
     rate = lambda step: rates.learning * rates.decay ** step.astype(jnp.float32)
     return optax.chain(
         optax.add_decayed_weights(rates.weight),
         optax.scale_by_rms(_MEMORY, _SMALLEST, eps_in_sqrt=False),
         optax.scale_by_learning_rate(rate),
     )
+
+
+def _needed_optax() -> Any:
+    return needed("train", "optax", "training")
 
 
 def _weights(network: MetricNetwork) -> list[Any]:
@@ -328,9 +369,20 @@ def _following(
     return eqx.tree_at(lambda n: n.blocks, network, tuple(blocks))
 
 
-def _centred(network: MetricNetwork, mean: float) -> MetricNetwork:
-    transform = network.transform.at_mean(mean)
-    return eqx.tree_at(lambda n: n.transform, network, transform)
+def _centred(state: _State, mean: float) -> _State:
+    """With the transform about a mean, or as it is where nothing has an error yet."""
+    if mean <= 0:
+        return state
+    transform = state.network.transform.at_mean(mean)
+    return eqx.tree_at(lambda s: s.network.transform, state, transform)
+
+
+def _judged(at: _Place, held_out: Samples | None) -> _Place:
+    network, record = at.state.network, at.record
+    error = float("nan") if held_out is None else _held_out_error(network, held_out)
+    better = held_out is None or error < record.best
+    best = network if better else at.best
+    return _Place(at.state, best, record.judged(error, better))
 
 
 def _held_out_error(network: MetricNetwork, samples: Samples) -> float:
@@ -375,13 +427,20 @@ def _checked_crop(
     high, wide = next(iter(samples.inputs.values())).shape[1:]
     if crop is None:
         return wide, high
-    fits = 0 < crop[0] <= wide and 0 < crop[1] <= high
-    if not fits or crop[0] % region or crop[1] % region:
+    _check_whole_regions(crop, region)
+    if crop[0] > wide or crop[1] > high:
         raise ValueError(
-            f"`crop` must be multiples of {region} px, at most {wide}x{high}, got "
-            f"{crop[0]}x{crop[1]}."
+            f"`crop` must be at most {wide}x{high} px, got {crop[0]}x{crop[1]}."
         )
     return crop
+
+
+def _check_whole_regions(crop: tuple[int, int], region: int) -> None:
+    if min(crop) < 1 or crop[0] % region or crop[1] % region:
+        raise ValueError(
+            f"`crop` must be positive multiples of {region} px, got "
+            f"{crop[0]}x{crop[1]}."
+        )
 
 
 def _check(
@@ -390,7 +449,6 @@ def _check(
     held_out: Samples | None,
     steps: int,
     settings: _Settings,
-    rates: _Rates,
     patience: int | None,
 ) -> None:
     check_fits(network, samples)
@@ -405,12 +463,6 @@ def _check(
             raise ValueError(f"`{name}` must be > 0, got {count}.")
     if patience is not None and held_out is None:
         raise ValueError("`patience` must be left out without `held_out`.")
-    if not 0 < rates.learning < math.inf:
-        raise ValueError(f"`learning_rate` must be > 0, got {rates.learning:g}.")
-    if not 0 < rates.decay <= 1:
-        raise ValueError(f"`learning_decay` must be in (0, 1], got {rates.decay:g}.")
-    if not 0 <= rates.weight < math.inf:
-        raise ValueError(f"`weight_decay` must be >= 0, got {rates.weight:g}.")
 
 
 def _task(

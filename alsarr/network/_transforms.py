@@ -63,7 +63,13 @@ class ClampedTransform(AbstractTransform, strict=True):
 
     @classmethod
     def from_mean(cls, mean: ArrayLike) -> "ClampedTransform":
-        """Eq. 4. `mean`: of the metric over all data. [unit of the metric], > 0."""
+        """Eq. 4.
+
+        **Arguments:** `mean`: of the metric over all data, which `Samples.mean` is.
+        [unit of the metric], > 0.
+
+        **Raises:** `ValueError` for a mean that is not positive.
+        """
         return cls(1.0 / (2.0 * _positive_mean(mean)))
 
     def __call__(self, metric: Float[Array, "*n"]) -> Float[Array, "*n"]:

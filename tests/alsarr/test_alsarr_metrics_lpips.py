@@ -1,6 +1,7 @@
 """LPIPS against the package of its authors, on random weights."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import equinox as eqx
@@ -52,6 +53,15 @@ def test_lpips_agrees_with_its_authors(drawn, weights, centred):
     np.testing.assert_allclose(found, expected, rtol=close)
     found = lpips_distance(reference, test, weights, centred=centred)
     np.testing.assert_allclose(found, distance, rtol=close)
+
+
+def test_products_are_of_the_whole_numbers(weights):
+    """Where float32 is multiplied at less precision unless more is asked for."""
+    picture = jnp.zeros((31, 31, 3))
+    traced = str(jax.make_jaxpr(lambda x: lpips(x, x, weights))(picture))
+    found = re.findall("precision=(.*)", traced)
+    assert len(found) >= 10
+    assert set(found) == {"(Precision.HIGHEST, Precision.HIGHEST)"}
 
 
 def test_equal_pictures_have_no_distance_and_a_finite_slope(drawn, weights):

@@ -89,6 +89,23 @@ def test_psnr_of_known_pictures():
     np.testing.assert_allclose(1 - 0.015 * found, 0, atol=1e-5)
 
 
+def test_psnr_of_equal_pictures_has_no_slope():
+    picture = jnp.asarray(pair(height=20, width=20)[0], float)
+    for of in (psnr, psnr_tiles):
+        whole = lambda x, of=of: of(picture, x).sum()
+        value, slope = jax.value_and_grad(whole)(picture)
+        assert np.isposinf(value)
+        np.testing.assert_array_equal(slope, 0)
+    # Tiles that are equal leave the slopes of the others as they are.
+    test = picture.at[:16, :16].add(0.01 * (0.5 - picture[:16, :16]))
+    finite = lambda x: psnr_tiles(picture, x)[0, 0]
+    expected = jax.grad(lambda x: psnr(picture[:16, :16], x))(test[:16, :16])
+    slope = jax.grad(finite)(test)
+    np.testing.assert_allclose(slope[:16, :16], expected, rtol=1e-4)
+    np.testing.assert_array_equal(slope[16:], 0)
+    assert np.abs(expected).max() > 1e-3
+
+
 def test_yang_is_the_difference_of_luma():
     reference, test = pair()
     expected = np.abs((reference - test) @ LUMA)
@@ -105,6 +122,18 @@ def test_yangs_estimate_compares_within_coarse_pixels():
         down[i] = np.abs(y[i] - y[i + 1])
     expected = np.stack([each(np.max, across), each(np.max, down)], axis=-1)
     np.testing.assert_allclose(estimate_yang2019(reference), expected, atol=1e-6)
+
+
+def test_yangs_estimate_of_each_pixel_is_what_tiles_and_webers_law_take():
+    reference, _ = pair()
+    pixels = estimate_yang2019(reference, tile=1)
+    assert pixels.shape == (37, 50, 2)
+    largest = jnp.stack([pool_tiles(pixels[..., axis]) for axis in (0, 1)], axis=-1)
+    np.testing.assert_array_equal(largest, estimate_yang2019(reference))
+    across = np.abs(np.diff((reference @ LUMA)[:, :2]))[:, 0]
+    level = each(np.mean, reference @ LUMA, 4).repeat(4, axis=0)[:37, 0]
+    found = weber(pixels[..., 0], reference)
+    np.testing.assert_allclose(found[:, 0], across / level, rtol=1e-4)
 
 
 def test_yangs_estimate_tells_the_axes_apart():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from alsarr.network import ClampedTransform, initial_network
+from alsarr.network._convolution import convolved
 from alsarr.network._fast import in_own_unit, infer
 
 
@@ -104,6 +105,15 @@ def test_unit():
         found = in_own_unit(net, y, safe)
         np.testing.assert_allclose(found, predicted(net, x, safe), atol=ATOL)
     assert np.all(in_own_unit(net, y, True) >= in_own_unit(net, y, False))
+
+
+def test_products_are_of_the_whole_numbers():
+    """Where float32 is multiplied at less precision unless more is asked for."""
+    traced = jax.make_jaxpr(lambda x: convolved(x, jnp.ones((3, 3, 4, 2)), 1))(
+        jnp.ones((1, 8, 8, 4))
+    )
+    (found,) = (e for e in traced.eqns if e.primitive.name == "conv_general_dilated")
+    assert set(found.params["precision"]) == {jax.lax.Precision.HIGHEST}
 
 
 def test_transformations():

@@ -1,3 +1,6 @@
+import dataclasses
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -108,6 +111,68 @@ def test_samples_are_what_the_views_hold(tmp_path, views):
             test = light[RATES.names.index(rate)]
             expected = METRICS["psnr"](light[6], test, ppd=30.0)
             np.testing.assert_allclose(values, expected, rtol=1e-5)
+
+
+def test_a_metric_is_called_with_plain_arrays(tmp_path, views, monkeypatch):
+    paths, seen = _folder(tmp_path / "a", views[:2]), []
+
+    def flip(reference, test, *, ppd):
+        seen.append((reference, test))
+        return METRICS["flip"](reference, test, ppd=ppd)
+
+    monkeypatch.setattr("alsarr.metrics.METRICS", {"flip": flip})
+    samples = load_samples(paths, metric="flip", ppd=9.0, outputs=OUTPUTS)
+    # In a program of its own FLIP would be several times as slow.
+    assert len(seen) == 4 and not isinstance(seen[0][0], jax.core.Tracer)
+    light = views[1].images / np.float32(255)
+    expected = METRICS["flip"](light[6], light[RATES.names.index("2x1")], ppd=9.0)
+    np.testing.assert_allclose(samples.targets[1, 0], expected, rtol=1e-5)
+
+
+def test_a_metric_of_ones_own_may_be_numpys_or_compiled(tmp_path, views):
+    paths = _folder(tmp_path / "a", views[:1])
+
+    def worst(reference, test, *, ppd):
+        apart = np.abs(np.asarray(reference) - np.asarray(test)).max(axis=2)
+        padded = np.pad(apart, ((0, 8), (0, 8))).reshape(2, 16, 3, 16)
+        return padded.max(axis=(1, 3))
+
+    compiled = jax.jit(Counted(), static_argnames="ppd")
+    for function in (worst, compiled, lambda r, t, *, ppd: worst(r, t, ppd=ppd) / 2):
+        found = _loaded(paths, function=function, keep=False).targets
+        assert found.shape == (1, 2, 2, 3) and found.min() > 0
+
+
+def test_one_black_place_leaves_the_mean_as_it_is(tmp_path, views):
+    plain = _loaded(_folder(tmp_path / "a", views), metric="jnflip", ppd=9.0)
+    assert plain.mean() == plain.targets.mean()
+    dark = _view(1)
+    dark.images[-1, 4:8, 20:24] = 0
+    views = [views[0], dark, views[2]]
+    spoilt = _loaded(_folder(tmp_path / "b", views), metric="jnflip", ppd=9.0)
+    black = spoilt.targets > 1e6
+    assert black.sum() == 2 and black[1, :, 0, 1].all()
+    assert spoilt.targets.mean() > 1e6
+    assert spoilt.mean() == spoilt.targets[~black].mean()
+    np.testing.assert_allclose(spoilt.mean(), plain.mean(), rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    "values, mean",
+    [
+        ([0, 0, 0, 0], 0),
+        ([0, 0, 1, 3], 1),
+        # Of those above 0 the median is 1, however many are 0.
+        ([0, 1, 1, 10_000], 10_002 / 4),
+        ([0, 1, 1, 10_001], 2 / 3),
+        ([1, 1, 3, np.inf], 5 / 3),
+        ([np.inf] * 4, 0),
+    ],
+)
+def test_what_the_mean_counts(values, mean):
+    targets = np.asarray(values, np.float32).reshape(1, 2, 1, 2)
+    samples = dataclasses.replace(toy_samples(1, rows=1, columns=2), targets=targets)
+    np.testing.assert_allclose(samples.mean(), mean, rtol=1e-6)
 
 
 def test_a_tile_is_seen_if_half_of_its_pixels_are(tmp_path):

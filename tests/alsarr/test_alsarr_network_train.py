@@ -13,6 +13,7 @@ from alsarr.network import (
     evaluate,
     initial_network,
     integrated_gradients,
+    LogisticTransform,
     predictions,
     train,
     with_safety_offset,
@@ -223,6 +224,67 @@ def test_an_interrupted_training_goes_on_with_the_same_numbers(few, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["training.npz"]
 
 
+@pytest.mark.parametrize("steps, every, stopped", [(6, 2, 4), (4, 2, 4), (5, 2, 5)])
+def test_an_evaluation_that_was_interrupted_is_made_up_for(
+    few, tmp_path, monkeypatch, steps, every, stopped
+):
+    samples, held_out = few.split(2, seed=0)
+    settings = {"batch": 2, "every": every, "held_out": held_out, "steps": steps}
+    settings["learning_rate"] = 1e-2
+    start = _start(samples, **SMALL)
+    whole = train(start, samples, **settings)
+    assert whole.step > 0
+    judge, judged = private._held_out_error, []
+
+    def interrupted(network, held_out):
+        judged.append(network)
+        if len(judged) == -(-stopped // every):
+            raise KeyboardInterrupt
+        return judge(network, held_out)
+
+    settings["checkpoint"] = tmp_path / "training.npz"
+    with monkeypatch.context() as patch:
+        patch.setattr(private, "_held_out_error", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            train(start, samples, **settings)
+    rest = train(start, samples, **settings)
+    _same(rest.network, whole.network)
+    np.testing.assert_array_equal(rest.history, whole.history)
+    assert (rest.step, rest.steps) == (whole.step, whole.steps)
+
+
+@pytest.mark.parametrize("judged", [True, False])
+def test_more_steps_may_be_asked_for(few, tmp_path, judged):
+    """Where the fewer were not a multiple of those between evaluations."""
+    samples, held_out = few.split(2, seed=0)
+    settings = {"batch": 2, "every": 3, "learning_rate": 1e-2}
+    settings |= {"held_out": held_out} if judged else {}
+    start = _start(samples, **SMALL)
+    whole = train(start, samples, steps=8, **settings)
+    np.testing.assert_array_equal(whole.history[:, 0], [3, 6, 8])
+    settings["checkpoint"] = tmp_path / "training.npz"
+    for _ in range(2):
+        fewer = train(start, samples, steps=4, **settings)
+        np.testing.assert_array_equal(fewer.history[:, 0], [3, 4])
+    more = train(start, samples, steps=8, **settings)
+    _same(more.network, whole.network)
+    np.testing.assert_array_equal(more.history, whole.history)
+    assert (more.step, more.steps) == (whole.step, whole.steps)
+
+
+def test_what_an_off_cycle_end_has_for_best_is_returned_but_not_kept(
+    few, tmp_path, monkeypatch
+):
+    samples, held_out = few.split(2, seed=0)
+    settings = {"batch": 2, "every": 3, "held_out": held_out, "patience": 2}
+    settings["checkpoint"] = tmp_path / "training.npz"
+    errors = iter([0.5, 0.1, 0.4, 0.6])
+    monkeypatch.setattr(private, "_held_out_error", lambda *_: next(errors))
+    start = _start(samples, **SMALL)
+    assert train(start, samples, steps=4, **settings).step == 4
+    assert train(start, samples, steps=9, **settings).step == 6
+
+
 def test_a_checkpoint_of_another_training_is_refused(few, tmp_path):
     path = tmp_path / "training.npz"
     start = _start(few, **SMALL)
@@ -277,6 +339,36 @@ def test_the_transform_follows_the_mean_of_what_was_seen(few):
     _same(train(network, one, **settings).network.transform, transform)
 
 
+@pytest.mark.parametrize("kind", [ClampedTransform, LogisticTransform])
+def test_the_transform_waits_for_an_error_to_follow(few, kind):
+    network = _start(few, transform=kind(0.5), **SMALL)
+    settings = {"batch": 2, "running_mean": True}
+    same = dataclasses.replace(few, targets=0 * few.targets)
+    found = train(network, same, steps=2, **settings).network.transform
+    _same(found, network.transform)
+    # With this seed the two steps have no view in common.
+    settings["seed"] = 3
+    some = dataclasses.replace(few, targets=few.targets.copy())
+    some.targets[[4, 0]] = 0
+    mean = some.targets[[4, 0, 5, 1]].mean(dtype=float)
+    found = train(network, some, steps=2, **settings).network.transform
+    expected = network.transform.at_mean(mean)
+    for a, b in zip(*map(jax.tree.leaves, (found, expected)), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-6)
+
+
+def test_a_black_place_does_not_move_the_running_mean(few):
+    one = few.take([2])
+    dark = dataclasses.replace(one, targets=one.targets.copy())
+    dark.targets[0, 1, 0, 2] = 7e8
+    network = _start(few, **SMALL)
+    settings = {"steps": 1, "batch": 2, "running_mean": True}
+    found = train(network, dark, **settings).network.transform
+    rest = np.delete(one.targets.ravel(), 6 + 2).mean(dtype=float)
+    expected = network.transform.at_mean(rest)
+    np.testing.assert_allclose(found.factor, expected.factor, rtol=1e-6)
+
+
 def test_one_compilation_serves_all_steps_and_rates(few, monkeypatch):
     traces = []
 
@@ -298,7 +390,7 @@ def test_crops_are_whole_tiles_and_mirrors_turn_the_normals():
     samples.inputs["normal_x"] = np.broadcast_to(place, shape).astype(np.float16)
     targets = samples.inputs["normal_x"][:, ::16, ::16].astype(np.float32)
     samples = dataclasses.replace(samples, targets=np.stack([targets] * 2, axis=1))
-    settings = private._Settings(40, 0, (48, 32), True, False, 1)
+    settings = private._Settings(40, 0, (48, 32), True, None, 1)
     x, target = private._drawn(samples, ("diffuse_red", "normal_x"), settings, 7)
     assert x.shape == (40, 2, 32, 48) and target.shape == (40, 2, 2, 3)
     corner = lambda p: p[::16, ::16]
@@ -312,7 +404,7 @@ def test_crops_are_whole_tiles_and_mirrors_turn_the_normals():
     assert 8 < mirrored < 32
     assert np.all(x[:, 0] >= 0)
     assert len({float(p[1, 0, 0]) for p in x}) > 8
-    still = private._Settings(40, 0, (48, 32), False, False, 1)
+    still = private._Settings(40, 0, (48, 32), False, None, 1)
     assert private._drawn(samples, ("normal_x",), still, 7)[0].min() >= 0
 
 
@@ -355,14 +447,9 @@ def test_attributions_are_percentages_of_what_the_toy_depends_on(learned):
         ({"batch": 0}, "`batch` must be > 0, got 0"),
         ({"every": 0}, "`every` must be > 0, got 0"),
         ({"patience": 1}, "`patience` must be left out without `held_out`"),
-        (
-            {"crop": (24, 32)},
-            "`crop` must be multiples of 16 px, at most 48x32, got 24x",
-        ),
-        (
-            {"crop": (32, 48)},
-            "`crop` must be multiples of 16 px, at most 48x32, got 32x",
-        ),
+        ({"crop": (24, 32)}, "`crop` must be positive multiples of 16 px, got 24x32"),
+        ({"crop": (32, 0)}, "`crop` must be positive multiples of 16 px, got 32x0"),
+        ({"crop": (32, 48)}, "`crop` must be at most 48x32 px, got 32x48"),
         ({"learning_rate": 0.0}, "`learning_rate` must be > 0, got 0"),
         ({"learning_rate": float("inf")}, "`learning_rate` must be > 0, got inf"),
         ({"learning_decay": 1.1}, r"`learning_decay` must be in \(0, 1\], got 1.1"),
