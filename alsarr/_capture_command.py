@@ -1,10 +1,10 @@
 """`alsarr capture`: a folder of rendered viewpoints of a scene."""
 
 import functools
+import hashlib
 import json
 import shutil
 import signal
-import zipfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed, ProcessPoolExecutor
 from multiprocessing import get_context
@@ -82,6 +82,7 @@ def capture(
 
     Each viewpoint is a file, written whole. What is in the folder already is kept, if
     it is of the same scene, seed and size; so an interrupted run is simply run again.
+    Files that are damaged are rendered anew.
     """
     from camojab._results import check_folder
 
@@ -94,7 +95,7 @@ def capture(
     with command.usable(_OPTIONS), command.stages() as progress:
         record = _record(job, viewpoints, seed, fov_y)
         _check_same(output, record)
-        missing = [i for i in range(viewpoints) if not _is_there(output, i)]
+        missing = _missing(output, viewpoints, progress)
         _check_disk(output, shape, len(missing))
         progress("scene", 0, 1)
         scene_read, _ = _staged(job)
@@ -149,8 +150,6 @@ def _drawn(
 
 def _record(job: _Job, count: int, seed: int, fov_y: float) -> dict[str, Any]:
     """What the folder's views are of."""
-    from camojab._results import sha256
-
     built = job.scene == PROCEDURAL
     if not built and not Path(job.scene).is_file():
         raise command.Unusable(
@@ -161,12 +160,24 @@ def _record(job: _Job, count: int, seed: int, fov_y: float) -> dict[str, Any]:
         "schema": _SCHEMA,
         "scene": PROCEDURAL if built else Path(job.scene).name,
         "scene_seed": job.scene_seed if built else None,
-        "sha256": None if built else sha256(Path(job.scene)),
+        "sha256": None if built else _digest(Path(job.scene)),
         "seed": seed,
         "size": list(job.size),
         "fov_y": fov_y,
         "viewpoints": count,
     }
+
+
+def _digest(scene: Path) -> str:
+    """Of a scene's file; of all digests, if it names other files."""
+    from camojab._results import sha256
+
+    from .capture._load import scene_files
+
+    digests = [sha256(file) if file.is_file() else "" for file in scene_files(scene)]
+    if len(digests) == 1:
+        return digests[0]
+    return hashlib.sha256("\n".join(digests).encode()).hexdigest()
 
 
 def _check_same(folder: Path, record: dict[str, Any]) -> None:
@@ -205,11 +216,29 @@ def _write_record(folder: Path, record: dict[str, Any]) -> None:
     write_text(folder / RECORD, json.dumps(whole, indent=1) + "\n")
 
 
+def _missing(
+    folder: Path, count: int, progress: Callable[[str, int, int], None]
+) -> list[int]:
+    """Numbers of the views that are not there, or cannot be read."""
+    missing = []
+    for index in range(count):
+        if not _is_there(folder, index):
+            missing.append(index)
+        progress("from before", index + 1, count)
+    return missing
+
+
 def _is_there(folder: Path, index: int) -> bool:
-    from .capture._view import view_path
+    from .capture._view import load_view, view_path
 
     path = view_path(folder, index)
-    return path.is_file() and zipfile.is_zipfile(path)
+    if not path.is_file():
+        return False
+    try:
+        load_view(path)
+    except ValueError:
+        return False
+    return True
 
 
 def _check_disk(folder: Path, size: tuple[int, int], count: int) -> None:

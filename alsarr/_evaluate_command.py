@@ -13,11 +13,13 @@ from ._capture_command import capture, PROCEDURAL, read_scene
 
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.figure import Figure
 
     from ._viewpoint import RateMap
     from .capture import Scene
     from .network import MetricNetwork, Samples
+    from .oracle import CnnOracle
 
 
 _WRITTEN = ("scores.csv", "rate_maps.csv", "attribution.csv", "rate_maps.png")
@@ -25,6 +27,13 @@ _WRITTEN = ("scores.csv", "rate_maps.csv", "attribution.csv", "rate_maps.png")
 # Viewpoints in a figure, and the rate whose error is drawn.
 _DRAWN = 4
 _DRAWN_RATE = "2x4"
+
+# What the library calls the options.
+_OPTIONS = {
+    "`budget`": "`--budget`",
+    "`refresh_rate`": "`--refresh-rate`",
+    "`peak_luminance`": "`--peak-luminance`",
+}
 
 _TITLES = {
     "rate_maps": "Pictures of the first viewpoint at the budget",
@@ -50,7 +59,10 @@ def evaluate(
     scene_seed: Annotated[int, typer.Option(help="Of the procedural scene.")] = 0,
     budget: Annotated[
         float,
-        typer.Option(help="Of the rate maps, as a share of full rate everywhere."),
+        typer.Option(
+            help="Of the rate maps, as a share of full rate everywhere, from 0.0625 "
+            "to 1."
+        ),
     ] = 0.25,
     refresh_rate: Annotated[
         float, typer.Option(help="For CaMoJAB [Hz]: one frame is one viewpoint.")
@@ -72,12 +84,16 @@ def evaluate(
 
     Prints the columns of the paper's Table 2, and writes them with pictures of what was
     predicted beside what was measured, and of the rate maps that the network, the
-    metric itself and CaMoJAB choose for the same budget.
+    metric itself and CaMoJAB choose for the same budget. Networks of one resolution
+    (ppd) can be compared, and of them those have a rate map that predict 1x2 and 2x1.
     """
     from camojab._results import check_folder
 
-    with command.usable():
+    with command.usable(_OPTIONS):
+        _check_options(budget, refresh_rate, peak_luminance)
         networks = _scores.networks(network)
+        ppd = _common_ppd(networks)
+        oracles, left_out = _oracles(networks)
     pictures = [f"{name}_predicted.png" for name in networks]
     check_folder(output, [*_WRITTEN, *pictures])
     folder = output / "views"
@@ -90,7 +106,7 @@ def evaluate(
         output=folder,
         processes=processes,
     )
-    with command.usable(), command.stages() as progress:
+    with command.usable(_OPTIONS), command.stages() as progress:
         from .capture import views
 
         paths = views(folder)[:viewpoints]
@@ -101,17 +117,61 @@ def evaluate(
             if attribution:
                 shares += _shares(name, each, samples)
             _draw_predictions(output / f"{name}_predicted.png", each, samples, paths)
+        tables = {"scores": _written(output, "scores", rows)}
+        if attribution:
+            tables["attribution"] = _written(output, "attribution", shares)
         display = {"refresh_rate": refresh_rate, "peak_luminance": peak_luminance}
         world = read_scene(scene, scene_seed)
-        maps = _maps(networks, paths[0], world, budget=budget, **display)
+        maps = _maps(oracles, paths[0], world, budget=budget, ppd=ppd, **display)
+        tables["rate_maps"] = _written(output, "rate_maps", _map_rows(maps))
         _draw_maps(output / "rate_maps.png", maps)
-    _show(output, rows, shares, maps)
+    _show(tables)
+    for line in left_out:
+        print(line)
+    files = [*(f"{name}.csv" for name in tables), *pictures, "rate_maps.png"]
+    print(f"written: {', '.join(str(output / file) for file in files)}")
     built = f" {scene_seed}" if scene == PROCEDURAL else ""
-    ppd = ", ".join(sorted({f"{each.ppd:g}" for each in networks.values()}))
     print(
         f"to quote: alsarr {command.release()}; {', '.join(networks)}; {viewpoints} "
-        f"viewpoints of {Path(scene).name}{built}, seed {seed}, {size} px; {ppd} px/deg"
+        f"viewpoints of {Path(scene).name}{built}, seed {seed}, {size} px; {ppd:g} "
+        "px/deg"
     )
+
+
+def _check_options(budget: float, refresh_rate: float, peak_luminance: float) -> None:
+    """Fail before the viewpoints are captured, not after."""
+    from ._run import check_budget
+    from .oracle._checks import checked_refresh_rate, positive
+
+    check_budget(budget)
+    checked_refresh_rate(refresh_rate)
+    positive("peak_luminance", peak_luminance, "cd/m^2")
+
+
+def _common_ppd(networks: Mapping[str, "MetricNetwork"]) -> float:
+    """At which all were trained: pictures that are judged at two are not compared."""
+    found = sorted({each.ppd for each in networks.values()})
+    if len(found) > 1:
+        raise ValueError(
+            "`--network` must name networks of one ppd, whose rate maps can be "
+            f"compared, got {', '.join(f'{ppd:g}' for ppd in found)} px/deg."
+        )
+    return found[0]
+
+
+def _oracles(
+    networks: Mapping[str, "MetricNetwork"],
+) -> "tuple[dict[str, CnnOracle], list[str]]":
+    """Of the networks that can make a rate map, and why others cannot."""
+    from .oracle import CnnOracle
+
+    oracles, left_out = {}, []
+    for name, network in networks.items():
+        try:
+            oracles[name] = CnnOracle(network, safe=False)
+        except ValueError as error:
+            left_out.append(f"{name} is left out of the rate maps: {error}")
+    return oracles, left_out
 
 
 def _shares(
@@ -158,11 +218,12 @@ def _draw_predictions(
 
 
 def _maps(
-    networks: Mapping[str, "MetricNetwork"],
+    oracles: "Mapping[str, CnnOracle]",
     path: Path,
     scene: "Scene",
     *,
     budget: float,
+    ppd: float,
     refresh_rate: float,
     peak_luminance: float,
 ) -> "dict[str, RateMap]":
@@ -171,18 +232,19 @@ def _maps(
     from ._viewpoint import camojab_quality, measured, rate_map
     from .capture import load_view
     from .network import as_error
-    from .oracle import CnnOracle, UniformOracle
+    from .oracle import UniformOracle
 
     view = load_view(path)
-    ppd = next(iter(networks.values())).ppd
     display = {"ppd": ppd, "refresh_rate": refresh_rate}
     display["peak_luminance"] = peak_luminance
     frame = view.frame(**display)
     qualities = {"uniform": UniformOracle().quality(frame, refresh_rate)}
-    for name, network in networks.items():
-        qualities[name] = CnnOracle(network, safe=False).quality(frame, refresh_rate)
-        error = as_error(measured(view, network.metric, ppd=ppd), network.metric)
-        qualities[f"{network.metric} measured"] = -error.reshape(len(RATES), -1).T
+    for name, oracle in oracles.items():
+        qualities[name] = oracle.quality(frame, refresh_rate)
+        metric = oracle.network.metric
+        if f"{metric} measured" not in qualities:
+            error = as_error(measured(view, metric, ppd=ppd), metric)
+            qualities[f"{metric} measured"] = -error.reshape(len(RATES), -1).T
     qualities["CaMoJAB"] = camojab_quality(view, scene, **display)
     return {
         name: rate_map(view, quality, budget=budget, ppd=ppd)
@@ -209,32 +271,26 @@ def _save(path: Path, figure: "Figure") -> None:
         figure.savefig(temporary, format="png", dpi=110)
 
 
-def _show(
-    output: Path,
-    rows: list[dict[str, Any]],
-    shares: list[dict[str, Any]],
-    maps: "Mapping[str, RateMap]",
-) -> None:
-    """The tables, as files and on the screen."""
+def _map_rows(maps: "Mapping[str, RateMap]") -> list[dict[str, Any]]:
+    return [
+        {"oracle": name, "flip_mean": each.flip, "cost_share": each.cost}
+        for name, each in maps.items()
+    ]
+
+
+def _written(output: Path, name: str, rows: list[dict[str, Any]]) -> "pandas.DataFrame":
+    """A table, once it is in its file."""
     import pandas
 
     from camojab._files import write_text
 
-    scores = pandas.DataFrame(rows)
-    made = [
-        {"oracle": name, "flip_mean": each.flip, "cost_share": each.cost}
-        for name, each in maps.items()
-    ]
-    tables = {"scores": scores, "rate_maps": pandas.DataFrame(made)}
-    if shares:
-        tables["attribution"] = pandas.DataFrame(shares)
-    for name, table in tables.items():
-        write_text(output / f"{name}.csv", table.to_csv(index=False))
-    overall = pandas.DataFrame([row for row in rows if row["output"] == "all"])
-    overall = overall.drop(columns="output")
+    table = pandas.DataFrame(rows)
+    write_text(output / f"{name}.csv", table.to_csv(index=False))
+    return table
+
+
+def _show(tables: "Mapping[str, pandas.DataFrame]") -> None:
+    overall = tables["scores"].query("output == 'all'").drop(columns="output")
     command.print_table("Prediction, in transformed space", overall, _FORMATS)
     for name in list(tables)[1:]:
         command.print_table(_TITLES[name], tables[name], _FORMATS)
-    pictures = [f"{name}_predicted.png" for name in scores["network"].unique()]
-    files = [*(f"{name}.csv" for name in tables), *pictures, "rate_maps.png"]
-    print(f"written: {', '.join(str(output / file) for file in files)}")

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 # Neither counts for a network: they are what a frame cannot be without.
 _ANY_DISPLAY = {"ppd": 60.0, "refresh_rate": 60.0, "peak_luminance": 100.0}
 
+# What the library calls the options.
+_OPTIONS = {"`budget`": "`--budget`", "`threshold`": "`--threshold`"}
+
 
 def predict(
     frame: Annotated[
@@ -35,12 +38,15 @@ def predict(
     threshold: Annotated[
         float | None,
         typer.Option(
-            help="Error below which a rate is good enough: the cheapest such rate is "
-            "chosen, in the place of --budget."
+            help="Error, in the unit of the file's, below which a rate is good enough: "
+            "the cheapest such rate is chosen, in the place of --budget."
         ),
     ] = None,
     budget: Annotated[
-        float, typer.Option(help="Share of full rate everywhere for the rate map.")
+        float,
+        typer.Option(
+            help="Share of full rate everywhere for the rate map, from 0.0625 to 1."
+        ),
     ] = 0.25,
     safe: Annotated[
         bool, typer.Option(help="With the network's offset against underestimation.")
@@ -54,35 +60,36 @@ def predict(
 ) -> None:
     """Predict the error of every tile at each of the seven rates, and choose by it.
 
-    The file has `error`, in the metric's own unit, and `rate`, both by row and column;
-    alsarr preview and alsarr export read it.
+    The file has `error` and `rate`, both by row and column; alsarr preview and alsarr
+    export read it. Errors are in the metric's own unit, but for PSNR, of which the root
+    of the mean square error is taken: 0 where there is none, and 1 for black as white.
     """
     if output.suffix.lower() != ".npz" or output.is_dir():
         raise command.Unusable(f"{output}: must be a file to write that ends in .npz.")
-    with command.usable():
+    with command.usable(_OPTIONS):
         import numpy as np
 
         from camojab._files import replacing
         from camojab._shipped import shipped
 
         from ._rates import RATES
+        from ._run import check_budget
+        from ._viewpoint import best_rates
         from .network import load_network
         from .oracle import CnnOracle
-        from .solve import lagrangian
 
+        check_budget(budget)
         loaded: MetricNetwork = load_network(network or shipped("network_flip.npz"))
         given = _frame(frame)
         oracle = CnnOracle(loaded, safe=safe, backend=backend)
         refresh_rate = _ANY_DISPLAY["refresh_rate"]
-        quality = np.asarray(oracle.quality(given, refresh_rate))
+        quality = oracle.quality(given, refresh_rate)
         if threshold is None:
-            cost = np.broadcast_to(RATES.cost, quality.shape).astype(quality.dtype)
-            allowed = budget * cost.max() * len(cost)
-            rate = lagrangian(quality - quality[:, :1], cost, allowed).rate
+            rate = best_rates(quality, budget).rate
         else:
             rate = oracle.rate(given, refresh_rate, threshold=threshold)
         maps = np.asarray(rate).reshape(given.shape)
-        error = -quality.reshape(*given.shape, len(RATES))
+        error = -np.asarray(quality).reshape(*given.shape, len(RATES))
         with replacing(output) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, rate=maps, error=error)
     share = RATES.cost[maps].mean() / RATES.cost.max()

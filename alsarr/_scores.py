@@ -28,7 +28,25 @@ def networks(paths: Sequence[Path] | None) -> dict[str, "MetricNetwork"]:
     loaded = {file.stem: load_network(file) for file in files}
     if len(loaded) < len(files):
         raise ValueError("`--network` must name files of different names.")
+    for name, network in loaded.items():
+        _check(name, network)
     return loaded
+
+
+def _check(name: str, network: "MetricNetwork") -> None:
+    """Whether what a network predicts can be measured on captured views."""
+    from ._rates import TILE
+    from .capture import CHANNELS
+    from .metrics import METRICS
+
+    unknown = [channel for channel in network.channels if channel not in CHANNELS]
+    for good, rule, found in (
+        (network.metric in METRICS, f"one of {', '.join(METRICS)}", network.metric),
+        (network.region == TILE, f"tiles of {TILE} px", f"{network.region} px"),
+        (not unknown, f"from channels of {', '.join(CHANNELS)}", ", ".join(unknown)),
+    ):
+        if not good:
+            raise ValueError(f"`--network` must predict {rule}, got {found} in {name}.")
 
 
 def samples(

@@ -3,6 +3,7 @@
 import json
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
 from urllib.parse import unquote
@@ -68,7 +69,7 @@ def load_scene(
     images = _Images()
     is_obj = path.suffix.lower() == ".obj"
     maps = _mtl_maps(path) if is_obj else {}
-    missing = _missing(set(maps.values()) if is_obj else _gltf_files(path))
+    missing = _missing(set(maps.values()) if is_obj else _gltf_files(path, "images"))
     if missing:
         warnings.warn(
             f"{path.name}: these textures cannot be read and are white: "
@@ -103,6 +104,19 @@ def load_scene(
         start=found.start,
         bounds=found.bounds,
     )
+
+
+def scene_files(path: Path) -> list[Path]:
+    """A scene's file and those that it names, whether or not they are there."""
+    named: set[Path] = set()
+    if path.suffix.lower() == ".obj":
+        named = {path.parent / library for _, library in _statements(path, "mtllib")}
+        named |= set(_mtl_maps(path).values())
+    # What is wrong with a file is for `load_scene` to say.
+    with suppress(ValueError, TypeError, AttributeError):
+        if path.suffix.lower() == ".gltf":
+            named = _gltf_files(path, "buffers", "images")
+    return [path, *sorted(named)]
 
 
 class _Images:
@@ -307,12 +321,13 @@ def _readable(file: Path) -> bool:
     return True
 
 
-def _gltf_files(path: Path) -> set[Path]:
-    """The files of a glTF document's images; a .glb file holds its own."""
+def _gltf_files(path: Path, *keys: str) -> set[Path]:
+    """The files of a glTF document's images or buffers; a .glb file holds its own."""
     if path.suffix.lower() == ".glb":
         return set()
-    images = json.loads(path.read_text(encoding="utf-8")).get("images", [])
-    uris = [image.get("uri", "data:") for image in images]
+    document = json.loads(path.read_text(encoding="utf-8"))
+    parts = [part for key in keys for part in document.get(key, [])]
+    uris = [part.get("uri", "data:") for part in parts]
     return {path.parent / unquote(uri) for uri in uris if not uri.startswith("data:")}
 
 

@@ -8,7 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float32, Int32
 
+from camojab import Spectrum
 from camojab._errors import check
+from camojab._spectrum import SIZE
 
 from ._animation import Animation
 from ._numbers import Numbers
@@ -248,6 +250,24 @@ class Scene(eqx.Module, strict=True):
             scene.animation,
         )
         return eqx.tree_at(where, self, (vertex, normal, point, None))
+
+    def spectrum(self, index: int) -> Spectrum:
+        """Of a texture's luminance, repeated where it has less than 512 texels.
+
+        **Arguments:**
+
+        - `index`: of the texture, as in `texture_name` and `View.texture`.
+
+        **Raises:** `ValueError` for an index out of range.
+        """
+        if not 0 <= index < len(self.texture_name):
+            raise ValueError(
+                f"`index` must be in [0, {len(self.texture_name)}), got {index}."
+            )
+        picture = self.texels.picture(index)[:SIZE, :SIZE]
+        times = [-(-SIZE // side) for side in picture.shape[:2]]
+        repeated = np.tile(picture, (*times, 1))[:SIZE, :SIZE]
+        return Spectrum.from_texture(np.clip(repeated, 0, 1), encoding="linear")
 
 
 def _light(name: str, value: Numbers) -> Float32[Array, "..."]:

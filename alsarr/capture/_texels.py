@@ -70,6 +70,14 @@ class Texels(eqx.Module, strict=True):
             levels=jnp.asarray([len(pyramid) for pyramid in pyramids], jnp.int32),
         )
 
+    def picture(self, index: int) -> Float32[np.ndarray, "height width 3"]:
+        """A texture at its finest level, as it was given; `index` is not checked."""
+        start, width, height = (
+            int(x[index, 0]) for x in (self.offset, self.width, self.height)
+        )
+        texels = np.asarray(self.texel[start : start + width * height])
+        return texels.reshape(height, width, 3)
+
 
 def linear_light(
     encoded: UInt8[np.ndarray, "height width 3"],

@@ -31,6 +31,8 @@ _FULL = RATES.names.index("1x1")
 _CAMERAS = ("camera", "previous_camera")
 _OF_CAMERA = ("position", "forward", "up", "fov_y")
 _SCHEMA = "alsarr-view/1"
+# Not `uv`, which are as a scene's file has them.
+_FINITE = ("depth", "normal", "mip_level", "motion", "exposure", "time")
 # Of all arrays as they are, before they are packed.
 _BYTES_PER_PIXEL, _BYTES_OF_HEADERS = 3 * len(RATES) + 43, 16384
 
@@ -109,6 +111,32 @@ class View(eqx.Module, strict=True):
     def reference(self) -> UInt8[np.ndarray, "height width 3"]:
         """The picture shaded at full rate."""
         return self.images[_FULL]
+
+    def shaded(
+        self, rate: Int[np.ndarray, "rows columns"]
+    ) -> UInt8[np.ndarray, "height width 3"]:
+        """The picture with each tile as it was shaded at its rate. sRGB bytes.
+
+        **Arguments:**
+
+        - `rate`: of each tile of 16x16 pixels, as an index into `RATES`.
+
+        **Raises:** `ValueError` for another number of tiles, or an index out of range.
+        """
+        width, height = self.size
+        tiles = -(-height // TILE), -(-width // TILE)
+        if rate.shape != tiles:
+            raise ValueError(
+                f"`rate` must have shape {list(tiles)}, one for each tile, got "
+                f"{list(rate.shape)}."
+            )
+        if not 0 <= rate.min() <= rate.max() < len(RATES):
+            raise ValueError(
+                f"`rate` must be in [0, {len(RATES)}), got {rate.min()} to "
+                f"{rate.max()}."
+            )
+        pixel = rate.repeat(TILE, axis=0).repeat(TILE, axis=1)[:height, :width]
+        return np.take_along_axis(self.images, pixel[None, ..., None], axis=0)[0]
 
     def channels(
         self, names: Sequence[str] = CHANNELS
@@ -213,8 +241,9 @@ def save_view(path: str | Path, view: View) -> None:
 def load_view(path: str | Path) -> View:
     """Read a view that `save_view` wrote.
 
-    **Raises:** `ValueError` naming the file if it is not whole, of another kind, or
-    lacks an array; `FileNotFoundError`. Nothing in the file is executed.
+    **Raises:** `ValueError` naming the file if it is not whole or of another kind, or
+    if an array or a camera is missing, of another shape or out of range;
+    `FileNotFoundError`. Nothing in the file is executed.
     """
     with Path(path).open("rb") as file:
         if not zipfile.is_zipfile(file):
@@ -230,7 +259,10 @@ def load_view(path: str | Path) -> View:
     fields: dict[str, Any] = {name: found[name] for name in View.ARRAYS}
     for camera in _CAMERAS:
         given = {name: found[f"{camera}_{name}"] for name in _OF_CAMERA}
-        fields[camera] = Camera(**given)
+        try:
+            fields[camera] = Camera(**given)
+        except ValueError as error:
+            raise ValueError(f"{path}: {camera}: {error}") from error
     return View(**fields, scene=str(found["scene"]))
 
 
@@ -238,20 +270,40 @@ def _check(path: str | Path, found: dict[str, np.ndarray]) -> None:
     """Whether arrays are those of one view: all there, of their kind, and as large."""
     if str(found.get("schema")) != _SCHEMA:
         raise ValueError(f"{path}: must be a view with schema {_SCHEMA}.")
-    cameras = [f"{camera}_{name}" for camera in _CAMERAS for name in _OF_CAMERA]
+    cameras = {f"{c}_{name}": name for c in _CAMERAS for name in _OF_CAMERA}
     missing = [n for n in (*View.ARRAYS, *cameras, "scene") if n not in found]
     if missing:
         raise ValueError(f"{path}: lacks the arrays {', '.join(missing)}.")
     size = found["depth"].shape
+    if len(size) != 2 or 0 in size:
+        raise ValueError(
+            f"{path}: `depth` must have shape [height, width], none of them 0, got "
+            f"{list(size)}."
+        )
     shapes = {"images": (len(RATES), *size, 3), "uv": (*size, 2), "motion": (*size, 2)}
     shapes |= {n: (*size, 3) for n in ("normal", "diffuse", "specular", "reprojected")}
     shapes |= {"invocations": (len(RATES),), "exposure": (), "time": ()}
-    for name, dtype in View.ARRAYS.items():
-        array = found[name]
-        if len(size) != 2 or array.shape != shapes.get(name, size):
-            raise ValueError(f"{path}: `{name}` has another size than `depth`.")
+    shapes |= {name: () if part == "fov_y" else (3,) for name, part in cameras.items()}
+    for name, dtype in (View.ARRAYS | dict.fromkeys(cameras, "float32")).items():
+        array, shape = found[name], shapes.get(name, size)
+        if array.shape != shape:
+            raise ValueError(
+                f"{path}: `{name}` must have shape {list(shape)}, got "
+                f"{list(array.shape)}."
+            )
         if array.dtype != np.dtype(dtype):
             raise ValueError(f"{path}: `{name}` must be {dtype}, got {array.dtype}.")
+    for name in _FINITE:
+        _check_numbers(path, name, found[name])
+
+
+def _check_numbers(path: str | Path, name: str, array: np.ndarray) -> None:
+    """Finite ones, but for the depth of the sky."""
+    sky = name == "depth"
+    wrong = array[~((array > -np.inf) if sky else np.isfinite(array))]
+    if wrong.size:
+        rule = "finite, or inf for the sky" if sky else "finite"
+        raise ValueError(f"{path}: `{name}` must be {rule}, got {wrong[0]}.")
 
 
 def most_bytes(size: tuple[int, int]) -> int:

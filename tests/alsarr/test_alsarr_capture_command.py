@@ -83,6 +83,18 @@ def test_what_is_there_is_kept_and_what_is_missing_is_made_anew(
     assert "3 views, 1 of them from before" in told[1]
 
 
+@pytest.mark.parametrize("place", [0.2, 0.5, 0.8])
+def test_a_view_with_a_flipped_bit_is_rendered_anew(captured, scene, tmp_path, place):
+    folder, before = copy(captured, tmp_path), contents(captured)
+    damaged = bytearray(before["view_00001.npz"])
+    damaged[int(place * len(damaged))] ^= 16
+    (folder / "view_00001.npz").write_bytes(damaged)
+    with pytest.raises(ValueError, match=r"view_00001\.npz: "):
+        load_view(folder / "view_00001.npz")
+    assert run(scene, "--viewpoints", 3, *options(folder)) == 0
+    assert contents(folder) == before
+
+
 def test_two_processes_write_what_one_writes(captured, scene, tmp_path):
     folder = tmp_path / "views"
     assert run(scene, "--viewpoints", 3, "--processes", 2, *options(folder)) == 0
@@ -111,6 +123,18 @@ def test_another_scene_of_the_same_name_is_refused(captured, tmp_path, capsys):
     other.write_text(room().replace("v 4 ", "v 5 "))
     assert run(other, "--viewpoints", 3, *options(captured)) == 1
     assert "must be a folder whose sha256 is" in capsys.readouterr().err
+
+
+def test_a_scene_whose_other_files_changed_is_refused(tmp_path, capsys):
+    path, folder = tmp_path / "room.obj", tmp_path / "views"
+    path.write_text("mtllib room.mtl\nusemtl wall\n" + room())
+    arguments = (path, "--viewpoints", 1, *options(folder))
+    for colour, status in (("1 0 0", 0), ("1 0 0", 0), ("0 1 0", 1)):
+        (tmp_path / "room.mtl").write_text(f"newmtl wall\nKd {colour}\n")
+        assert run(*arguments) == status
+    assert "must be a folder whose sha256 is" in capsys.readouterr().err
+    (tmp_path / "room.mtl").unlink()
+    assert run(*arguments) == 1
 
 
 def test_views_without_a_record_and_broken_records_are_refused(

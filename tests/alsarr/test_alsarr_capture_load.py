@@ -14,7 +14,7 @@ from PIL import Image
 pytest.importorskip("embreex")
 pytest.importorskip("trimesh")
 
-from alsarr.capture._load import load_scene
+from alsarr.capture._load import load_scene, scene_files
 from alsarr.capture._scene import Lights
 from alsarr.capture._texels import linear_light
 from alsarr.capture._tracer import Tracer
@@ -242,6 +242,30 @@ def test_an_obj_file_and_its_materials_are_read(tmp_path):
     blocks = np.stack([three, light[:2, 2:].mean((0, 1)), light[2:, :2].mean((0, 1))])
     np.testing.assert_allclose(texels[3, 3], blocks.mean(axis=0), rtol=1e-5)
     np.testing.assert_array_equal(texels[1, 1], light[1, 1])
+
+
+def test_a_scene_names_its_files_whether_or_not_they_are_there(tmp_path):
+    path = write_gltf(tmp_path, [{}], materials=[TEXTURED])
+    document = json.loads(path.read_text())
+    document["buffers"].append({"byteLength": 1, "uri": "more%20data.bin"})
+    path.write_text(json.dumps(document))
+    names = ["colour.png", "more data.bin", "normal.png", "surface.png"]
+    assert scene_files(path) == [path, *(tmp_path / name for name in names)]
+
+    path = tmp_path / "thing.obj"
+    path.write_text(OBJ)
+    assert scene_files(path) == [path, tmp_path / "thing.mtl"]
+    (tmp_path / "thing.mtl").write_text(MTL)
+    names = ["gone.png", "leaf.png", "thing.mtl"]
+    assert scene_files(path) == [path, *(tmp_path / name for name in names)]
+
+
+@pytest.mark.parametrize("content", ["not json", "[]", '{"images": 3}'])
+def test_a_broken_scene_names_itself(tmp_path, content):
+    path = tmp_path / "thing.gltf"
+    path.write_text(content)
+    assert scene_files(path) == [path]
+    assert scene_files(tmp_path / "thing.glb") == [tmp_path / "thing.glb"]
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import pytest
 
 from alsarr.capture._scene import Lights, Material, Materials, Mesh, Scene
 from alsarr.capture._texels import linear_light, Texels
+from camojab import luminance, Spectrum
 
 
 def level(texels, texture, index):
@@ -171,3 +172,26 @@ def test_meshes_are_joined():
 def test_a_scene_that_cannot_be_is_refused(change, words):
     with pytest.raises(ValueError, match=words):
         scene(**change)
+
+
+def test_a_spectrum_is_of_the_luminance_of_the_texture_repeated():
+    random = np.random.default_rng(3)
+    picture = random.uniform(0, 1, (100, 600, 3)).astype(np.float32)
+    made = scene(textures={"wall": picture})
+    np.testing.assert_array_equal(made.texels.picture(2), picture)
+    # More than 512 texels are cut; of less, the last repetition is.
+    rows = np.arange(512) % 100
+    grey = luminance(picture[rows, :512], encoding="linear")
+    expected = Spectrum.from_texture(grey).amplitude
+    found = made.spectrum(2).amplitude
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=0.05)
+    # White has nothing but its mean.
+    white = np.asarray(made.spectrum(Texels.WHITE).amplitude)
+    assert white[256, 256] > 0.999 * white.sum()
+
+
+@pytest.mark.parametrize("index", [-1, 3])
+def test_a_spectrum_of_no_such_texture(index):
+    made = scene(textures={"wall": np.ones((1, 1, 3), np.float32)})
+    with pytest.raises(ValueError, match=rf"`index` must be in \[0, 3\), got {index}"):
+        made.spectrum(index)

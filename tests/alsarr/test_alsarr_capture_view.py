@@ -13,6 +13,9 @@ from alsarr.capture._view import most_bytes, view_path
 
 
 WIDTH, HEIGHT = 40, 24
+# Those with a value or three a pixel, a row of the picture after the other.
+PIXELS = ("normal", "diffuse", "specular", "roughness", "depth", "uv", "texture")
+PIXELS += ("mip_level", "shadow", "motion", "reprojected", "seen")
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +112,45 @@ def test_files_of_something_else_are_refused_by_name(view, tmp_path):
         (lambda a: a.pop("motion"), "lacks the arrays motion"),
         (
             lambda a: a.update(seen=a["seen"][1:]),
-            "`seen` has another size than `depth`",
+            r"`seen` must have shape \[24, 40\], got \[23, 40\]",
         ),
-        (lambda a: a.update(depth=a["depth"][0]), "`images` has another size"),
+        (
+            lambda a: a.update(depth=a["depth"][0]),
+            r"`depth` must have shape \[height, width\], none of them 0, got \[40\]",
+        ),
+        (
+            lambda a: a.update(
+                {n: a[n][:0] for n in PIXELS}, images=a["images"][:, :0]
+            ),
+            r"`depth` must have shape .* none of them 0, got \[0, 40\]",
+        ),
+        (
+            lambda a: a.update(camera_position=np.zeros(2, "f4")),
+            r"`camera_position` must have shape \[3\], got \[2\]",
+        ),
+        (
+            lambda a: a.update(previous_camera_fov_y=np.full(2, 50, "f4")),
+            r"`previous_camera_fov_y` must have shape \[\], got \[2\]",
+        ),
+        (
+            lambda a: a.update(camera_up=np.array(["a", "b", "c"])),
+            "`camera_up` must be float32, got <U1",
+        ),
+        (
+            lambda a: a.update(camera_forward=np.zeros(3, "f4")),
+            "camera: `forward` must be not 0, got 0",
+        ),
+        (
+            lambda a: a.update(previous_camera_position=np.full(3, np.inf, "f4")),
+            "previous_camera: `position` must be finite, got inf",
+        ),
+        (
+            lambda a: a["depth"].fill(np.nan),
+            "`depth` must be finite, or inf for the sky, got nan",
+        ),
+        (lambda a: a["motion"].fill(np.nan), "`motion` must be finite, got nan"),
+        (lambda a: a["normal"].fill(np.nan), "`normal` must be finite, got nan"),
+        (lambda a: a["exposure"].fill(np.inf), "`exposure` must be finite, got inf"),
         (
             lambda a: a.update(roughness=a["roughness"].astype(np.int16)),
             "`roughness` must be uint8, got int16",
@@ -120,8 +159,9 @@ def test_files_of_something_else_are_refused_by_name(view, tmp_path):
     ],
 )
 def test_damaged_files_are_refused_in_words(view, tmp_path, change, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=r"view\.npz: .*" + message) as error:
         load_view(broken(view, tmp_path, change))
+    assert "\n" not in str(error.value)
 
 
 def test_views_are_listed_by_number(view, tmp_path):
@@ -208,3 +248,28 @@ def test_of_textures_as_frequent_the_first_is_taken(view):
     even = eqx.tree_at(lambda v: v.texture, view, half)
     frame = even.frame(ppd=40.0, refresh_rate=80.0, peak_luminance=300.0)
     np.testing.assert_array_equal(frame.texture, 2)
+
+
+def test_a_picture_is_put_together_tile_by_tile(view):
+    width, height = view.size
+    rows, columns = -(-height // 16), -(-width // 16)
+    rate = np.random.default_rng(5).integers(0, len(RATES), (rows, columns))
+    found = view.shaded(rate)
+    expected = np.zeros_like(view.reference)
+    for row in range(rows):
+        for column in range(columns):
+            tile = np.s_[16 * row : 16 * row + 16, 16 * column : 16 * column + 16]
+            expected[tile] = view.images[rate[row, column]][tile]
+    np.testing.assert_array_equal(found, expected)
+    finest = np.full_like(rate, RATES.names.index("1x1"))
+    np.testing.assert_array_equal(view.shaded(finest), view.reference)
+
+
+def test_a_picture_of_other_tiles_or_rates_is_refused(view):
+    width, height = view.size
+    tiles = -(-height // 16), -(-width // 16)
+    shape = rf"\[{tiles[0]}, {tiles[1]}\], one for each tile, got \[1, 1\]"
+    with pytest.raises(ValueError, match=f"`rate` must have shape {shape}"):
+        view.shaded(np.zeros((1, 1), int))
+    with pytest.raises(ValueError, match=r"`rate` must be in \[0, 7\), got -1 to -1"):
+        view.shaded(np.full(tiles, -1))

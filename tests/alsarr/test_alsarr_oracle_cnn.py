@@ -90,6 +90,13 @@ def test_quality_is_minus_the_predicted_error(net, backend, safe):
     assert int(oracle.count_outside(frame(channels), 60.0)) == 0
 
 
+def test_the_other_backend_leaves_the_cores_to_jax_between_calls(net):
+    oracle = CnnOracle(net, backend="onnxruntime", threads=2)
+    chosen = oracle.other._session.get_session_options()
+    assert chosen.get_session_config_entry("session.intra_op.allow_spinning") == "0"
+    assert chosen.intra_op_num_threads == 2
+
+
 def test_tiles_go_row_by_row(net):
     """What changes in one tile, here the last of the first row, changes that tile."""
     before, after = buffers(), buffers()

@@ -3,10 +3,12 @@
     python tests/benchmarks/bench_network.py [PART ...]
 
 of inference, oracle and training; all if none is named. Compilation is timed apart from
-runs. All contenders of a part take turns, round by round, so that whatever else the
-machine does falls on each of them; the median and the least of their runs are shown,
-and the processor's time, of all threads, waiting ones included. PyTorch takes part
-where it is installed.
+runs. Pictures are 1920x1080: that our side pads them to whole tiles is timed, and
+others are given them padded. onnxruntime has the same options alone as in the oracle.
+All contenders of a part take turns, round by round, so that whatever else the machine
+does falls on each of them; the median and the least of their runs are shown, and the
+processor's time, of all threads, waiting ones included. PyTorch takes part where it is
+installed.
 """
 
 import importlib.util
@@ -23,12 +25,12 @@ import onnxruntime
 from alsarr import Frame
 from alsarr.network import ClampedTransform, initial_network
 from alsarr.network._fast import infer
-from alsarr.network._onnx_export import onnx_bytes
+from alsarr.network._onnx_run import session
 from alsarr.network._train import _optimiser, _Rates, _State, _step, _weights
 from alsarr.oracle._cnn import CnnOracle
 
 
-HEIGHT, WIDTH = 1088, 1920
+HEIGHT, WIDTH = 1080, 1920
 CROP, BATCH = (368, 640), 4
 THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2
 TORCH = importlib.util.find_spec("torch") is not None
@@ -79,21 +81,17 @@ def network():
 
 
 def picture():
-    """As others are to be given it: masked by what was seen."""
+    """Masked by what was seen, as others are to be given it."""
     x = np.random.default_rng(2).random((4, HEIGHT, WIDTH), np.float32)
     x[1] = x[1] > 0.3
     x[0] *= x[1]
     return jnp.asarray(x)
 
 
-def session(net):
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = THREADS
-    # Its threads spin between calls, at the cost of whoever has the next turn.
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    return onnxruntime.InferenceSession(
-        onnx_bytes(net), options, providers=["CPUExecutionProvider"]
-    )
+def plain_runtime(net, x):
+    """onnxruntime alone, given whole tiles: its graph drops those that are cut."""
+    runtime, values = session(net, THREADS), np.asarray(net.prepared(x))[None]
+    return lambda: runtime.run(None, {"input": values})[0]
 
 
 def torch_network(net, last):
@@ -131,7 +129,7 @@ def torch_inference(net, x, expected):
     found = []
     for last in (False, True):
         made = torch_network(net, last).eval()
-        values = torch.from_numpy(np.array(x))[None]
+        values = torch.from_numpy(np.array(net.prepared(x)))[None]
         if last:
             values = values.contiguous(memory_format=torch.channels_last)
 
@@ -151,8 +149,7 @@ def show_inference():
     plain, plain_s = compiled(lambda w, x: whole(w)(x), weights, x)
     fast, fast_s = compiled(lambda w, x: infer(whole(w), x), weights, x)
     expected = np.asarray(plain(weights, x))
-    runtime, values = session(net), np.asarray(x)[None]
-    of_runtime = lambda: runtime.run(None, {"input": values})[0]
+    of_runtime = plain_runtime(net, x)
     contenders = [
         ("onnxruntime", of_runtime, None, abs(of_runtime()[0] - expected).max()),
         ("JAX, layer by layer", lambda: plain(weights, x), plain_s, 0.0),
@@ -171,15 +168,14 @@ def show_inference():
 def show_oracle():
     net, x = network(), picture()
     frame = Frame(
-        texture=np.zeros((HEIGHT // 16, WIDTH // 16), int),
+        texture=np.zeros((-(-HEIGHT // 16), WIDTH // 16), int),
         mip_level=0.0,
         velocity_x=0.0,
         velocity_y=0.0,
         luminance=50.0,
         channels=dict(zip(net.channels, x, strict=True)),
     )
-    runtime, values = session(net), np.asarray(x)[None]
-    of_runtime = lambda: runtime.run(None, {"input": values})[0]
+    of_runtime = plain_runtime(net, x)
     contenders, first = [("onnxruntime alone", of_runtime, None, None)], None
     for backend in ("jax", "onnxruntime"):
         threads = THREADS if backend == "onnxruntime" else None
