@@ -195,7 +195,28 @@ def test_frame_buffers():
         # A square a tile, not blurred, the top row on top, with a scale beside it.
         assert image.get_interpolation() == "nearest" and image.origin == "upper"
         assert image.colorbar is not None
-    assert images["texture [index]"].get_cmap().N == len(np.unique(given.texture))
+    image = images["texture [index]"]
+    assert image.get_cmap().N == len(np.unique(given.texture))
+    # A colour for each index, and a tick in the middle of it.
+    assert image.get_clim() == (-0.5, 3.5)
+    assert whole(image.colorbar) == [0, 1, 2, 3]
+
+
+def whole(bar):
+    """Ticks of a bar within its ends."""
+    return [tick for tick in bar.get_ticks() if bar.vmin <= tick <= bar.vmax]
+
+
+def test_many_textures_have_ticks_at_whole_numbers_too():
+    many = Frame(
+        texture=np.arange(77).reshape(7, 11),
+        mip_level=0.0,
+        velocity_x=0.0,
+        velocity_y=0.0,
+        luminance=100.0,
+    )
+    ticks = whole(frame_buffers(many).axes[0].images[0].colorbar)
+    assert 4 < len(ticks) < 12 and np.all(np.mod(ticks, 1) == 0)
 
 
 def test_a_frame_of_one_texture_at_rest():
@@ -207,8 +228,10 @@ def test_a_frame_of_one_texture_at_rest():
         luminance=100.0,
     )
     buffer = io.BytesIO()
-    frame_buffers(still).savefig(buffer, format="png")
+    figure = frame_buffers(still)
+    figure.savefig(buffer, format="png")
     assert buffer.getvalue().startswith(b"\x89PNG")
+    assert whole(figure.axes[0].images[0].colorbar) == [5]
 
 
 @pytest.mark.parametrize("draw", [quality_by_shading_rate, quality_by_refresh_rate])

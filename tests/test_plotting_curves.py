@@ -93,12 +93,40 @@ def test_a_tangent_touches_with_the_slope_that_was_given(log_x):
     figure = curves(table, "persistence", "crossing_deg_s", by="texture", log_x=log_x)
     (axis,) = panels(figure).values()
     assert axis.get_xscale() == ("log" if log_x else "linear")
-    assert axis.get_xlabel() == "persistence"
+    assert axis.get_xlabel() == "persistence [1]"
     _, tangent, touch = axis.get_lines()
     np.testing.assert_array_equal(touch.get_xydata(), [[4.0, 16.0]])
-    drawn = tangent.get_xydata()
-    assert drawn[0, 0] < 4 < drawn[-1, 0]
-    np.testing.assert_allclose(drawn[:, 1], 16 + 8 * (drawn[:, 0] - 4))
+    across, up = tangent.get_xydata().T
+    assert across[0] < 4 < across[-1]
+    # It goes through the point and has no bend, in what the axis shows of x.
+    shown = np.log(across / 4) if log_x else across - 4
+    slope = 4 * 8.0 if log_x else 8.0
+    np.testing.assert_allclose(up, 16 + slope * shown)
+    near = 1e-3
+    at, step = (4 * np.exp(near), near) if log_x else (4 + near, near)
+    np.testing.assert_allclose((at**2 - 16) / step, slope, rtol=2e-3)
+
+
+def test_a_pure_number_has_a_unit_and_a_name_has_none(table):
+    table = table.assign(resolution=np.where(table["refresh_rate_hz"] > 50, 1.0, 0.5))
+    table = table[table["texture"] == "grass"].drop_duplicates(
+        ["velocity_deg_s", "resolution"]
+    )
+    figure = curves(table, "velocity_deg_s", by="resolution")
+    (axis,) = panels(figure).values()
+    assert set(lines(axis)) == {"0.5", "1"}
+    assert figure.legends[0].get_title().get_text() == "resolution [1]"
+    rates = table["resolution"].map({0.5: "2x2", 1.0: "1x1"})
+    named = curves(
+        table.assign(shading_rate=rates), "velocity_deg_s", by="shading_rate"
+    )
+    assert named.legends[0].get_title().get_text() == "shading rate"
+
+
+def test_a_panel_of_a_number_says_what_it_is_of(table):
+    figure = curves(table, "velocity_deg_s", by="texture", panel="refresh_rate_hz")
+    titles = {f"refresh rate {rate} Hz" for rate in (30, 60, 120)}
+    assert set(panels(figure)) == titles
 
 
 def grid_table():
@@ -127,7 +155,7 @@ def test_a_map_has_its_grid_its_unit_and_its_ways():
     axis, bar = figure.axes
     assert (axis.get_xlabel(), axis.get_ylabel()) == (
         "refresh rate [Hz]",
-        "persistence",
+        "persistence [1]",
     )
     assert bar.get_ylabel() == "worth [JND]"
     assert (axis.get_xscale(), axis.get_yscale()) == ("log", "linear")
@@ -154,6 +182,23 @@ def test_contours_are_where_the_values_are():
         np.testing.assert_allclose(x / 60 + 10 * y, level, atol=1e-9)
 
 
+def test_contours_are_labelled_in_what_their_place_sets_off():
+    figure = contour_map(grid_table(), "refresh_rate_hz", "persistence", "worth_jnd")
+    figure.draw_without_rendering()
+    (axis,) = panels(figure).values()
+    filled = axis.collections[0]
+    inks = set()
+    for label in axis.texts:
+        behind = filled.cmap(filled.norm(float(label.get_text())))[:3]
+        linear = lambda colour: np.dot(np.power(colour, 2.2), (0.2126, 0.7152, 0.0722))
+        ink = linear(matplotlib.colors.to_rgb(label.get_color()))
+        bright, dark = sorted((ink, linear(behind)), reverse=True)
+        # What is asked of small text; white on yellow has 1.3.
+        assert (bright + 0.05) / (dark + 0.05) > 4.5
+        inks.add(round(ink))
+    assert inks == {0, 1}
+
+
 def test_each_panel_of_a_map_has_its_own_values_and_ways():
     table = pd.concat(
         grid_table().assign(light_jnd=a, worth_jnd=lambda t, a=a: t["worth_jnd"] * a)
@@ -173,8 +218,8 @@ def test_each_panel_of_a_map_has_its_own_values_and_ways():
     )
     found = panels(figure)
     assert {name: len(a.get_lines()) for name, a in found.items()} == {
-        "1 JND": 0,
-        "2 JND": 3,
+        "light 1 JND": 0,
+        "light 2 JND": 3,
     }
     # One scale of colours for all panels, but contours of their own.
     first, second = (a.collections[1] for a in found.values())

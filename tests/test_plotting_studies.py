@@ -7,11 +7,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from camojab.fit import Profile
+from camojab.fit._profile import _ends
 from camojab.plotting import (
+    error_and_throughput,
     measured_and_predicted,
     outlier_distances,
     pair_residuals,
     preferences,
+    profile_likelihood,
     rmse_by_block,
     scaled_quality,
 )
@@ -102,6 +106,7 @@ def test_groups_of_other_conditions_have_their_own_names():
     figure = drawn(scaled_quality(pd.concat([scale(1), few]), ["block"]))
     names = [[t.get_text() for t in axis.get_yticklabels()] for axis in figure.axes]
     assert names == [["c0", "c1", "c2", "c3"], ["x", "y"]]
+    assert [axis.get_ylabel() for axis in figure.axes] == ["condition", "condition"]
 
 
 def test_outlier_distances():
@@ -200,6 +205,12 @@ def test_more_models_than_colours_are_drawn():
     assert axis.get_xlabel() == "block"
 
 
+def test_blocks_may_be_called_something_else():
+    score = models("points", ["opinion"])
+    figure = drawn(rmse_by_block(pd.concat([models(), score]), x_label="experiment"))
+    assert [a.get_xlabel() for a in figure.axes] == ["experiment", "experiment"]
+
+
 def test_a_model_without_a_number_leaves_a_gap():
     table = models().iloc[1:]
     (axis,) = drawn(rmse_by_block(table)).axes
@@ -265,6 +276,7 @@ def test_preferences(scenes):
     for i, axis in enumerate(figure.axes):
         rows = table.iloc[2 * i : 2 * i + 2]
         assert axis.get_title() == (f"s{i}" if scenes else "")
+        assert axis.get_xlabel() == "share of votes for ALSaRR [1]"
         found, ends = points(axis.containers[0])
         np.testing.assert_array_equal(found[:, 0], rows["preference"])
         np.testing.assert_allclose(ends[:, 0, 0], rows["low"])
@@ -273,6 +285,60 @@ def test_preferences(scenes):
         np.testing.assert_array_equal(half.get_xdata(), [0.5, 0.5])
     names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert names == ["budget 0.0625, uniform", "budget 0.125, uniform"]
+
+
+def profile_of(points):
+    """Of a likelihood that is no parabola, at few values of the constant."""
+    values = np.geomspace(0.2, 0.7, points)
+    deviance = (8 * np.log(values / values[points // 2])) ** 2
+    return Profile("beta", 0.95, values, deviance, *_ends(values, deviance, 0.95))
+
+
+@pytest.mark.parametrize("points", [5, 11])
+def test_a_profile_crosses_its_bound_where_the_interval_ends(points):
+    found = profile_of(points)
+    figure = drawn(profile_likelihood([found], np.array([0.05]), ["1"]))
+    (axis,) = figure.axes
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("beta [1]", "deviance [1]")
+    curves = [line for line in axis.lines if line.get_label() == "profile"]
+    values, deviance = curves[0].get_xydata().T
+    bound = 3.841458820694124
+    for end in (found.low, found.high):
+        np.testing.assert_allclose(np.interp(end, values, deviance), bound, rtol=2e-3)
+    # What was fitted is on it.
+    dots = next(line for line in axis.lines if line.get_marker() == ".").get_xydata()
+    np.testing.assert_array_equal(dots[:, 0], found.values)
+    np.testing.assert_array_equal(dots[:, 1], found.deviance)
+    on_curve = np.interp(found.values, values, deviance)
+    np.testing.assert_allclose(on_curve, found.deviance, rtol=0.01, atol=0.02)
+    ends = [x.get_xdata()[0] for x in axis.lines if x.get_label() == "interval"]
+    assert ends == [found.low, found.high]
+
+
+def rungs():
+    """As a machine measured them: single precision is twice as fast."""
+    cases = {"exact": (0.0, 600.0), "10000 cells": (6e-5, 8e4)}
+    cases |= {"1000 cells": (6.5e-4, 9e5), "tensor 4x3x4": (0.09, 1.2e7)}
+    cases |= {"Eq. 31": (6.0, 2.8e8)}
+    rows = [
+        {"formulation": "released", "precision": precision, "fidelity": name}
+        | {"error_jnd": max(error, floor), "conditions_per_s": speed / slower}
+        for name, (error, speed) in cases.items()
+        for precision, floor, slower in (("float64", 0.0, 2), ("float32", 6e-6, 1))
+    ]
+    exact = lambda row: row["error_jnd"] == 0 or row["precision"] == "float32"
+    return pd.DataFrame(rows).assign(front=["yes" if exact(r) else "" for r in rows])
+
+
+def test_names_of_points_stay_off_the_front():
+    figure = drawn(error_and_throughput(rungs()))
+    (axis,) = figure.axes
+    assert axis.get_xlabel() == "throughput after pooling [conditions/s]"
+    front = axis.lines[0].get_transform().transform_path(axis.lines[0].get_path())
+    assert len(front.vertices) == 6 and len(axis.texts) == 10
+    for text in axis.texts:
+        box = text.get_window_extent()
+        assert not front.intersects_bbox(box, filled=False), text.get_text()
 
 
 def test_settings_and_tables_are_left_alone():

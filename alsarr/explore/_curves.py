@@ -32,7 +32,7 @@ REFRESH_RATES = np.linspace(*RANGES["refresh_rate"], 121)
 
 
 class Parts(NamedTuple):
-    """Quality and what it is the sum of. [JND], 0 where nothing is lost."""
+    """Quality and what it is the sum of. [JND], 0 at the texture's own energies."""
 
     quality: Float[np.ndarray, "..."]
     spatial: Float[np.ndarray, "..."]

@@ -17,6 +17,7 @@ from .._rates import RATES
 from ..oracle import (
     AbstractQualityOracle,
     CamojabOracle,
+    Denes2020Oracle,
     FidelityFxOracle,
     TableOracle,
     UniformOracle,
@@ -86,6 +87,7 @@ def drawn_frame(
             "CaMoJAB": judge,
             "NAS (Yang et al. 2019)": Yang2019Oracle(ppd=ppd),
             "FidelityFX": FidelityFxOracle(ppd=ppd),
+            "MARRR (Denes et al. 2020)": Denes2020Oracle(ppd=ppd),
             "uniform": UniformOracle(),
         },
     )

@@ -32,10 +32,11 @@ ENCODINGS = ("sRGB", "linear")
 """How the values of an uploaded image may stand for light."""
 
 _ABOUT = (
-    "0 JND is a picture that lost nothing; one JND apart, 75 % of people prefer the "
-    "better one. Motion is horizontal, and the eye follows it. The spike that ends a "
-    "coarsely shaded spectrum is the replica of the texture's mean. The frame has the "
-    "built-in textures, and the mean speed and luminance of the sliders."
+    "At 0 JND the energies are those of the texture itself; what aliases add can lift "
+    "quality above 0. One JND apart, 75 % of people prefer the better picture. Motion "
+    "is horizontal, and the eye follows it. The spike that ends a coarsely shaded "
+    "spectrum is the replica of the texture's mean. The frame has the built-in "
+    "textures, and the mean speed and luminance of the sliders."
 )
 
 # The file is read in the browser, and one that is too large never leaves it.

@@ -28,6 +28,9 @@ class TextureFigure:
 
     def __init__(self):
         self.figure = picture("", width=_TEXTURE, height=_TEXTURE)
+        self.figure.css_classes = ["texture_picture"]
+        # The heading above reaches into what follows, as its text does not.
+        self.figure.margin = (9, 1, 0, 5)
         blank = np.zeros((_TEXTURE, _TEXTURE), np.uint8)
         self._source = _grey(self.figure, blank, "texture")
 
@@ -97,7 +100,7 @@ def _bars(source: ColumnDataSource) -> Any:
         y_range=Range1d(start=0, end=155),
         x_axis_label="shading rate: width x height of the coarse pixel [px]",
         y_axis_label="tiles [%]",
-        height=272,
+        height=276,
         name="shares_figure",
     )
     made.vbar("rate", top="share", width=0.85, color="colour", source=source)

@@ -31,7 +31,8 @@ def serve(
 ) -> None:
     """Show the explorer to browsers on this machine, until interrupted.
 
-    What it needs is read and compiled first, which takes some ten seconds.
+    What it needs is read and compiled first, which takes some ten seconds. Requests by
+    another name than 127.0.0.1 or localhost, and of pages from elsewhere, are refused.
 
     **Arguments:**
 
@@ -87,18 +88,20 @@ async def show(
     from tornado.httpserver import HTTPServer
     from tornado.ioloop import IOLoop
 
+    from ._origins import own_pages_alone
     from ._session import Session
 
     def new_page(document: "Document") -> None:
         Session(document, bench)
 
     port = listening.getsockname()[1]
+    hosts = [f"{HOST}:{port}", f"localhost:{port}"]
     pages = BokehTornado(
         {"/": new_page},
-        extra_websocket_origins=[f"{HOST}:{port}", f"localhost:{port}"],
+        extra_websocket_origins=hosts,
         websocket_max_message_size_bytes=_MOST_MESSAGE,
     )
-    http = HTTPServer(pages)
+    http = HTTPServer(own_pages_alone(pages, hosts))
     http.add_socket(listening)
     server = BaseServer(IOLoop.current(), pages, http)
     server.start()

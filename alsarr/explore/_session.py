@@ -1,6 +1,7 @@
 """One page that somebody has open: the only place where anything changes."""
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,10 @@ TABLES = "tables"
 _GATHER_MS = 5
 
 _STEP_JND = 2.0
+
+_DISTILLING = "Tables are being distilled, which takes some ten seconds."
+# Of what went wrong so many characters have room. [1]
+_REASON = 40
 
 _GOOD: dict[str, Any] = {"font-size": "12px", "color": "#555"}
 _BAD: dict[str, Any] = {"font-size": "12px", "color": "#b3261e"}
@@ -58,6 +63,8 @@ class Session:
         self._spectra: dict[str, Spectrum] = dict(bench.spectra)
         self._textures = dict(bench.textures)
         self._oracle: AbstractQualityOracle = bench.drawn.judge
+        self._awaited: Future[AbstractQualityOracle] | None = None
+        self._notice = ""
         self._stale: set[str] = set(_EVERYTHING)
         self._waits = False
         self.refresh()
@@ -156,7 +163,8 @@ class Session:
         budget = self.controls.budget.value / 100
         found = _frame_map.rate_map(self._quality, self._judged, budget, shape)
         self.figures.frame.show(found.rate, found.shares)
-        self.figures.frame.say(_frame_note(found, self._oracle_name))
+        note = _frame_note(found, self._oracle_name, self._notice)
+        self.figures.frame.say(note)
 
     @property
     def _oracle_name(self) -> str:
@@ -165,24 +173,33 @@ class Session:
 
     def _choose_oracle(self) -> None:
         name = self.controls.oracle.value
+        self._awaited, self._notice = None, ""
         if name != TABLES:
             self._oracle = self._bench.drawn.oracles[name]
             self._ask("conditions")
             return
-        future = self._bench.tables()
-        if not future.done():
-            self.figures.frame.say(
-                "Tables are being distilled, which takes some ten seconds;\n"
-                "until then the map stays as it is."
-            )
+        self._awaited, self._notice = self._bench.tables(), _DISTILLING
+        self._ask("budget")
         # It ends in another thread, from which this is the one safe call.
-        soon = lambda _: self._document.add_next_tick_callback(self._have_tables)
-        future.add_done_callback(soon)
+        soon = lambda future: self._document.add_next_tick_callback(
+            lambda: self._have_tables(future)
+        )
+        self._awaited.add_done_callback(soon)
 
-    def _have_tables(self) -> None:
-        if self.controls.oracle.value == TABLES:
-            self._oracle = self._bench.tables().result()
+    def _have_tables(self, future: Future[AbstractQualityOracle]) -> None:
+        """Show what was distilled, or say why there is nothing, if it is waited for."""
+        if future is not self._awaited or future.cancelled():
+            return
+        self._awaited, self._notice = None, ""
+        error = future.exception()
+        if error is None:
+            self._oracle = future.result()
             self._ask("conditions")
+            return
+        # What is shown is chosen again, so that tables can be.
+        self.controls.oracle.value = self._oracle_name
+        self._notice = f"Tables could not be distilled: {_reason(error)}"
+        self._ask("budget")
 
     def _receive(self) -> None:
         """A file was chosen: show it, or say why not."""
@@ -199,27 +216,29 @@ class Session:
             self._say(f"{name}: {error}".replace("`image` ", ""), _BAD)
             return
         self._upload = name, pixels
-        self._add(f"uploaded: {name}", texture)
+        self._add(name, texture)
 
     def _decode(self) -> None:
         """The upload once more, its values taken for other light."""
         if self._upload is not None:
             name, pixels = self._upload
             texture = _upload.texture(pixels, self.controls.encoding.value)
-            self._add(f"uploaded: {name}", texture)
+            self._add(name, texture)
 
     def _add(self, name: str, texture: Float[np.ndarray, "rows columns"]) -> None:
         """An upload takes the place of the one before."""
-        self._spectra = self._bench.spectra | {name: Spectrum.from_texture(texture)}
-        self._textures = self._bench.textures | {name: texture}
+        option = f"uploaded: {name}"
+        self._spectra = self._bench.spectra | {option: Spectrum.from_texture(texture)}
+        self._textures = self._bench.textures | {option: texture}
         self.controls.texture.options = [*self._textures]
-        self.controls.texture.value = name
+        self.controls.texture.value = option
         rows, columns = texture.shape
         size = f"{columns} x {rows} px"
-        text = f"The top left {size} are shown."
+        text = f"the top left {size} are shown."
         if min(rows, columns) < 512:
-            text = f"The {size} are shown, padded with black to 512 x 512 px."
-        self._say(text, _GOOD)
+            text = f"the {size} are shown, padded with black to 512 x 512 px."
+        # A list of choices has no room for a whole name.
+        self._say(f"{name}: {text}", _GOOD)
         self._ask("texture")
 
     def _say(self, text: str, styles: dict[str, Any]) -> None:
@@ -241,10 +260,19 @@ def _readout(own: _curves.Parts, full: _curves.Parts) -> str:
     )
 
 
-def _frame_note(found: _frame_map.RateMap, oracle: str) -> str:
+def _frame_note(found: _frame_map.RateMap, oracle: str, notice: str) -> str:
     where = _frame_map.TABLES_DISPLAY
     made = f" for {where.ppd:g} px/deg and persistence 1" if oracle == TABLES else ""
-    return (
-        f"Chosen by {oracle}{made}: {found.cost:.1%} of full rate.\n"
-        f"A tile loses {found.loss:.3f} JND on average, by CaMoJAB."
-    )
+    chosen = "Still chosen by" if notice else "Chosen by"
+    lines = [
+        *([notice] if notice else []),
+        f"{chosen} {oracle}{made}: {found.cost:.1%} of full rate.",
+        f"A tile loses {found.loss:.3f} JND on average, by CaMoJAB.",
+    ]
+    return "\n".join(lines)
+
+
+def _reason(error: BaseException) -> str:
+    """The first line of an error, as far as there is room for it."""
+    text = str(error).partition("\n")[0] or type(error).__name__
+    return text if len(text) <= _REASON else f"{text[: _REASON - 1]}…"

@@ -40,8 +40,11 @@ class Workbench:
     _closed: threading.Event = field(default_factory=threading.Event)
 
     def tables(self) -> Future[AbstractQualityOracle]:
-        """Tables of the frame's textures, distilled in the background, once for all."""
-        if self._tables is None:
+        """Tables of the frame's textures, distilled in the background, once for all.
+
+        Once more if that failed.
+        """
+        if self._tables is None or _failed(self._tables):
             frame_spectra = _builtin(self.spectra)
 
             def work() -> AbstractQualityOracle:
@@ -59,6 +62,10 @@ class Workbench:
         del done, total
         if self._closed.is_set():
             raise _Closed
+
+
+def _failed(future: Future[Any]) -> bool:
+    return future.done() and not future.cancelled() and future.exception() is not None
 
 
 def workbench(

@@ -22,6 +22,8 @@ def frame_buffers(frame: Frame) -> "Figure":
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
+    from ._indices import count_on
+
     texture = np.asarray(frame.texture)
     count = int(texture.max() - texture.min()) + 1
     speed = np.hypot(np.asarray(frame.velocity_x), np.asarray(frame.velocity_y))
@@ -40,7 +42,9 @@ def frame_buffers(frame: Frame) -> "Figure":
         axis.set_title(title, fontsize=10)
         axis.set_xticks([])
         axis.set_yticks([])
-        figure.colorbar(image, ax=axis, shrink=0.85)
+        bar = figure.colorbar(image, ax=axis, shrink=0.85)
+        if title.endswith("[index]"):
+            count_on(bar)
     return figure
 
 
@@ -111,7 +115,7 @@ def _best_against_velocity(axes: Any, tables: Mapping[str, RefreshTable]) -> Non
         axes[0].step(velocity, np.asarray(table.refresh_rate), label=name, **style)
         axes[1].step(velocity, np.asarray(table.resolution), label=name, **style)
     axes[0].set_ylabel("best refresh rate [Hz]")
-    axes[1].set_ylabel("shading resolution of each axis")
+    axes[1].set_ylabel("shading resolution of each axis [1]")
     axes[1].set_ylim(0, 1.05)
     axes[1].set_yticks([0, 0.25, 0.5, 0.75, 1])
     for axis in axes:

@@ -20,6 +20,8 @@ def view_buffers(view: "View") -> "Figure":
     """What was captured of a viewpoint: pictures, and buffers with their units."""
     from matplotlib.figure import Figure
 
+    from ._indices import count_on
+
     coarsest = RATES.names.index("4x4")
     speed = np.hypot(*np.moveaxis(view.motion, -1, 0))
     sky = ~np.isfinite(view.depth)
@@ -46,7 +48,9 @@ def view_buffers(view: "View") -> "Figure":
         _bare(axis, title).imshow(picture)
     for axis, (title, (values, colours)) in zip(axes[6:], buffers.items(), strict=True):
         shown = _bare(axis, title).imshow(values, cmap=colours, interpolation="nearest")
-        figure.colorbar(shown, ax=axis, shrink=0.85)
+        bar = figure.colorbar(shown, ax=axis, shrink=0.85)
+        if title.endswith("[index]"):
+            count_on(bar)
     return figure
 
 
@@ -65,28 +69,34 @@ def predicted_errors(
     - `pictures`: shaded at full rate, sRGB bytes; what was not seen before is darkened.
     - `seen`: pixels that the previous picture shows.
     - `measured`, `predicted`: of each tile, on one scale.
-    - `label`: what is measured, with its unit and shading rate.
+    - `label`: what is measured, with its shading rate and its unit; without one it is
+        a pure number. Differences have the same, and are shown to the largest.
     """
     from matplotlib.figure import Figure
 
+    from camojab.plotting._style import with_unit
+
     highest = max(float(np.max(x)) for x in (*measured, *predicted)) or 1.0
+    apart = [p - m for p, m in zip(predicted, measured, strict=True)]
+    farthest = max(float(np.max(np.abs(x))) for x in apart) or 1.0
     height, width, _ = pictures[0].shape
     figure = Figure(figsize=(13.5, 0.5 + 3.0 * height / width * len(pictures)))
     figure.set_layout_engine("constrained")
     rows: Any = figure.subplots(len(pictures), 4, squeeze=False)
     scale = {"vmin": 0.0, "vmax": highest, "cmap": "magma"}
-    off = {"vmin": -highest / 2, "vmax": highest / 2, "cmap": "RdBu_r"}
+    off = {"vmin": -farthest, "vmax": farthest, "cmap": "RdBu_r"}
     for i, axes in enumerate(rows):
         dark = np.where(seen[i][..., None], pictures[i], pictures[i] // 4)
         _bare(axes[0], "picture, unseen dark" if i == 0 else "").imshow(dark)
         _bare(axes[1], "measured" if i == 0 else "").imshow(measured[i], **scale)
         _bare(axes[2], "predicted" if i == 0 else "").imshow(predicted[i], **scale)
-        difference = predicted[i] - measured[i]
         title = "predicted - measured" if i == 0 else ""
-        _bare(axes[3], title).imshow(difference, **off)
-    shown, apart = rows[0, 2].images[0], rows[0, 3].images[0]
-    figure.colorbar(shown, ax=list(rows[:, 1:3].ravel()), shrink=0.8, label=label)
-    figure.colorbar(apart, ax=list(rows[:, 3]), shrink=0.8, label="difference")
+        _bare(axes[3], title).imshow(apart[i], **off)
+    label = with_unit(label)
+    unit = label[label.rindex("[") :]
+    for images, text in ((rows[:, 1:3], label), (rows[:, 3:], f"difference {unit}")):
+        shown = images[0, 0].images[0]
+        figure.colorbar(shown, ax=list(images.ravel()), shrink=0.8, label=text)
     return figure
 
 

@@ -39,12 +39,14 @@ def oracle_sheet(
     - `maps`: index of the rate of each tile, in the order of `alsarr.RATES`, by name.
     - `pictures`: shaded so, sRGB bytes, by the same names.
     - `errors`: of every pixel, >= 0, by the same names.
-    - `label`: what the error is, with its unit.
+    - `label`: what the error is, with its unit; without one it is a pure number.
     - `detail`: left, top, width and height of what is shown of the pictures; a frame in
         the error marks it. All of them, if left out. [px]
     - `columns`: oracles beside each other. > 0
     """
     from matplotlib.figure import Figure
+
+    from camojab.plotting._style import with_unit
 
     height, width = next(iter(errors.values())).shape
     left, top, wide, high = detail or (0, 0, width, height)
@@ -74,8 +76,8 @@ def oracle_sheet(
         below.imshow(errors[name], cmap="magma", **scale)
         if detail is not None:
             _mark(below, detail)
-    drawn = axes[2, 0].images[0]
-    figure.colorbar(drawn, ax=list(axes.ravel()), label=label, pad=0.01, shrink=0.5)
+    drawn, every = axes[2, 0].images[0], list(axes.ravel())
+    figure.colorbar(drawn, ax=every, label=with_unit(label), pad=0.01, shrink=0.5)
     _rate_keys(figure)
     return figure
 

@@ -12,6 +12,7 @@ from ._models import (
     preferences as preferences,
     rmse_by_block as rmse_by_block,
 )
+from ._textures import amplitude_spectra as amplitude_spectra, textures as textures
 from ._votes import (
     outlier_distances as outlier_distances,
     pair_residuals as pair_residuals,

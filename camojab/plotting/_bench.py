@@ -38,7 +38,7 @@ def error_and_throughput(table: "pandas.DataFrame") -> "Figure":
         axis.set_yscale("log")
         axis.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
         axis.set_title(f"formulation: {name}", fontsize=10)
-        axis.set_xlabel("conditions per second, after pooling")
+        axis.set_xlabel("throughput after pooling [conditions/s]")
         axis.grid(color="0.92", zorder=0)
         axis.margins(x=0.25, y=0.12)
     axes[0].set_ylabel("largest error [JND]")
@@ -76,11 +76,11 @@ def _points(axis: "Axes", part: Any, precisions: list[str]) -> None:
             axis.annotate(
                 row["fidelity"].removesuffix(" cells"),
                 (row["conditions_per_s"], row["shown"]),
-                # Points of two precisions lie beside each other, their names apart.
-                xytext=(5, 4) if i else (-5, -4),
+                # The front rises; points of two precisions lie beside each other.
+                xytext=(5, -4) if i else (-5, 4),
                 textcoords="offset points",
                 ha="left" if i else "right",
-                va="bottom" if i else "top",
+                va="top" if i else "bottom",
                 fontsize=8,
                 color=COLOURS[i],
             )

@@ -5,7 +5,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from ._style import COLOURS, legend, new_figure
+from ._style import COLOURS, legend, logarithmic, new_figure, with_unit
 
 
 if TYPE_CHECKING:
@@ -38,14 +38,14 @@ def curves(
     """Lines of one column against another, with intervals and tangents if there are.
 
     Axes are named after the columns, with the unit that these end in: `velocity_deg_s`
-    is "velocity [deg/s]"; one without an ending is a pure number.
+    is "velocity [deg/s]"; one without an ending is a pure number, "persistence [1]".
 
     **Arguments:**
 
     - `table`: a row for each point, in any order, with the columns `x`, `y`, `by` and
         `panel`; optionally `low_jnd` and `high_jnd`, the ends of an interval of `y`,
-        drawn as a band, and `slope`, the derivative of `y` with respect to `x`, drawn
-        as a short tangent where it is not NaN.
+        drawn as a band, and `slope`, the derivative of `y` with respect to `x` itself,
+        drawn as a short tangent where it is not NaN, straight on either axis.
     - `by`: the column that tells lines apart: numbers go from dark to bright.
     - `panel`: the column that tells panels apart, three in a line; one if left out.
     - `log_x`: whether `x`, then > 0, has a logarithmic axis.
@@ -61,13 +61,13 @@ def curves(
         for value, line in part.groupby(by, sort=False):
             _draw(axis, line.sort_values(x), (x, y), colours[value], _named(by, value))
             _tangents(axis, line, (x, y), span, log_x)
-        axis.set_title(_named(panel, name), fontsize=10)
+        axis.set_title(_title(panel, name), fontsize=10)
         axis.set_xlabel(axis_label(x))
         axis.set_ylabel(axis_label(y))
         axis.grid(color="0.92", zorder=0)
         if log_x:
-            _logarithmic(axis.xaxis)
-    legend(figure, axes, axis_label(by))
+            logarithmic(axis.xaxis)
+    legend(figure, axes, axis_label(by) if _numbers(rows[by]) else _words(by))
     return figure
 
 
@@ -117,15 +117,16 @@ def contour_map(
         lines = axis.contour(
             across, up, grid.to_numpy(float), heights, colors="white", linewidths=0.4
         )
-        axis.clabel(lines, heights[::2], fontsize=7, fmt="%g")
+        some = heights[::2]
+        axis.clabel(lines, some, fontsize=7.5, fmt="%g", colors=_inks(filled, some))
         if ways is not None:
             _ways(axis, ways[ways[panel] == name] if panel else ways, x, y)
-        axis.set_title(_named(panel, name), fontsize=10)
+        axis.set_title(_title(panel, name), fontsize=10)
         axis.set_xlabel(axis_label(x))
         axis.set_ylabel(axis_label(y))
         for chosen, side in ((log_x, axis.xaxis), (log_y, axis.yaxis)):
             if chosen:
-                _logarithmic(side)
+                logarithmic(side)
     figure.colorbar(filled, ax=axes, label=axis_label(value))
     if ways is not None:
         legend(figure, axes, "ring: start; star: end")
@@ -133,13 +134,13 @@ def contour_map(
 
 
 def axis_label(column: str) -> str:
-    """What an axis is called that shows a column: its words, and its unit."""
+    """What an axis is called that shows a column of numbers: its words, its unit."""
     if column == "ppd":
         return _PIXELS
     for ending, unit in _UNITS.items():
         if column.endswith(ending):
-            return f"{column.removesuffix(ending).replace('_', ' ')} [{unit}]"
-    return column.replace("_", " ")
+            return f"{_words(column.removesuffix(ending))} [{unit}]"
+    return with_unit(_words(column))
 
 
 def _checked(table: Any, columns: Iterable[str]) -> Any:
@@ -166,25 +167,40 @@ def _panels(count: int) -> tuple["Figure", list["Axes"]]:
     return figure, list(axes.ravel()[:count])
 
 
-def _colours(values: Any) -> dict[Any, Any]:
-    from matplotlib import colormaps
+def _words(column: str) -> str:
+    return column.replace("_", " ")
+
+
+def _numbers(values: Any) -> bool:
     from pandas.api.types import is_numeric_dtype
 
+    return is_numeric_dtype(values)
+
+
+def _colours(values: Any) -> dict[Any, Any]:
+    from matplotlib import colormaps
+
     known = list(dict.fromkeys(values))
-    if is_numeric_dtype(values):
+    if _numbers(values):
         rank = {value: i for i, value in enumerate(sorted(known))}
         scale = 0.85 / max(len(known) - 1, 1)
         return {value: colormaps["viridis"](scale * rank[value]) for value in known}
     return {value: COLOURS[i % len(COLOURS)] for i, value in enumerate(known)}
 
 
-def _named(column: str | None, value: Any) -> str:
-    """A line's or a panel's name: a number has its unit beside it."""
-    if column is None or isinstance(value, str):
+def _named(column: str, value: Any) -> str:
+    """A line's name: a number has its unit beside it."""
+    if isinstance(value, str):
+        return value
+    unit = axis_label(column).partition("[")[2].rstrip("]")
+    return f"{value:g}" if unit == "1" else f"{value:g} {unit}"
+
+
+def _title(panel: str | None, value: Any) -> str:
+    """A panel's name: a number has before it what it is of."""
+    if panel is None or isinstance(value, str):
         return str(value)
-    label = axis_label(column)
-    unit = label.split("[")[1].rstrip("]") if "[" in label else ""
-    return f"{value:g} {unit}".strip()
+    return f"{axis_label(panel).partition(' [')[0]} {_named(panel, value)}"
 
 
 def _draw(
@@ -211,10 +227,11 @@ def _tangents(
         return
     for _, row in line[line["slope"].notna()].iterrows():
         x, y = (float(row[column]) for column in columns)
-        left, right = (x / span, x * span) if log_x else (x - span, x + span)
-        # Straight in x itself, which a logarithmic axis bends.
-        at = np.linspace(left, right, 20)
-        axis.plot(at, y + float(row["slope"]) * (at - x), color="black", linewidth=1.3)
+        ends = (x / span, x * span) if log_x else (x - span, x + span)
+        at = np.array(ends)
+        # What is straight on a logarithmic axis goes up with the logarithm of x.
+        way = x * np.log(at / x) if log_x else at - x
+        axis.plot(at, y + float(row["slope"]) * way, color="black", linewidth=1.3)
         axis.plot(x, y, "o", color="black", markersize=3.5)
 
 
@@ -234,6 +251,13 @@ def _grid(part: Any, x: str, y: str, value: str) -> Any:
     return part.pivot(index=y, columns=x, values=value)
 
 
+def _inks(filled: Any, heights: np.ndarray) -> list[str]:
+    """Black on what is bright and white on what is dark, whichever stands out more."""
+    colours = filled.cmap(filled.norm(heights))[:, :3]
+    luminance = colours**2.2 @ (0.2126, 0.7152, 0.0722)
+    return ["black" if bright else "white" for bright in luminance > 0.18]
+
+
 def _ways(axis: "Axes", ways: Any, x: str, y: str) -> None:
     for i, (name, steps) in enumerate(ways.groupby("path", sort=False)):
         across, up = steps[x].to_numpy(float), steps[y].to_numpy(float)
@@ -241,15 +265,3 @@ def _ways(axis: "Axes", ways: Any, x: str, y: str) -> None:
         axis.plot(across, up, color=colour, linewidth=1.8, label=str(name))
         axis.plot(across[0], up[0], "o", color=colour, markerfacecolor="none")
         axis.plot(across[-1], up[-1], "*", color=colour, markersize=13, zorder=4)
-
-
-def _logarithmic(side: Any) -> None:
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    side.axes.set(**{f"{side.axis_name}scale": "log"})
-    low, high = side.get_data_interval()
-    # Over several decades there is room for the powers of ten alone.
-    between = (1.0,) if high / low > 10**2.5 else (1.0, 2.0, 5.0)
-    side.set_major_locator(LogLocator(subs=between))
-    side.set_major_formatter(lambda value, _: f"{value:g}")
-    side.set_minor_formatter(NullFormatter())

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def rmse_by_block(table: "pandas.DataFrame") -> "Figure":
+def rmse_by_block(table: "pandas.DataFrame", *, x_label: str = "block") -> "Figure":
     """Bars of what each model leaves of each block, a line of panels a setting.
 
     **Arguments:**
@@ -22,6 +22,7 @@ def rmse_by_block(table: "pandas.DataFrame") -> "Figure":
     - `table`: a row for each bar, with the columns `model`, `block`, `rmse`, `unit`
       (blocks in JND are drawn apart from opinion scores), `setting`, the name of a
       line, and `printed`, where a mark is to show another number, else NaN.
+    - `x_label`: what the blocks are called.
     """
     rows: Any = table
     settings = list(dict.fromkeys(rows["setting"]))
@@ -44,6 +45,7 @@ def rmse_by_block(table: "pandas.DataFrame") -> "Figure":
         for column, (words, part) in enumerate(sides):
             axis = axes[line][column]
             _bars(axis, part[part["setting"] == setting], models)
+            axis.set_xlabel(x_label)
             axis.set_ylabel(words)
             axis.set_title(setting, fontsize=10)
     legend(figure, list(axes.ravel()))
@@ -62,7 +64,6 @@ def _bars(axis: "Axes", rows: Any, models: list[str]) -> None:
             style = {"linestyle": "none", "marker": "_", "markersize": 14}
             axis.plot(at, own["printed"], color="black", label="printed", **style)
     axis.set_xticks(np.arange(len(blocks)), blocks, fontsize=8)
-    axis.set_xlabel("block")
     axis.margins(y=0.12)
     axis.spines[["top", "right"]].set_visible(False)
 
@@ -150,7 +151,7 @@ def preferences(table: "pandas.DataFrame") -> "Figure":
         axis.set_ylim(len(at) - 0.5, -0.5)
         axis.set_xlim(-0.02, 1.02)
         axis.set_title(str(name), fontsize=10)
-        axis.set_xlabel("share of votes for ALSaRR", fontsize=9)
+        axis.set_xlabel("share of votes for ALSaRR [1]", fontsize=9)
     return figure
 
 

@@ -22,6 +22,24 @@ def new_figure(width: float, height: float) -> "Figure":
     return figure
 
 
+def with_unit(label: str) -> str:
+    """A label that ends with a unit; one without any is that of a pure number."""
+    return label if "[" in label else f"{label} [1]"
+
+
+def logarithmic(side: Any) -> None:
+    """Give the axis of a drawn figure a logarithmic scale with plain numbers."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    side.axes.set(**{f"{side.axis_name}scale": "log"})
+    low, high = side.get_data_interval()
+    # Over several decades there is room for the powers of ten alone.
+    between = (1.0,) if high / low > 10**2.5 else (1.0, 2.0, 5.0)
+    side.set_major_locator(LogLocator(subs=between))
+    side.set_major_formatter(lambda value, _: f"{value:g}")
+    side.set_minor_formatter(NullFormatter())
+
+
 def legend(figure: "Figure", axes: list["Axes"], title: str = "") -> None:
     """One legend, above the panels, of every name in any of them."""
     handles: dict[str, Any] = {}

@@ -59,9 +59,9 @@ def scaled_quality(table: "pandas.DataFrame", by: Sequence[str] = ()) -> "Figure
         axis.axvline(0.0, color="0.8", linewidth=0.8, zorder=0)
         axis.set_title(group_label(by, key) if by else "", fontsize=9)
         axis.set_yticks(at, [str(name) for name in part["condition"]], fontsize=8)
-        axis.tick_params(labelleft=not same or i % 3 == 0)
-        if i % 3 == 0:
-            axis.set_ylabel("condition", fontsize=9)
+        named = not same or i % 3 == 0
+        axis.tick_params(labelleft=named)
+        axis.set_ylabel("condition" if named else "", fontsize=9)
         axis.set_ylim(longest - 0.5, -0.5)
         axis.set_xlim(left - margin, right + margin)
         axis.grid(color="0.93", linewidth=0.6)

@@ -159,6 +159,16 @@ def page(browser, address, tmp_path_factory):
     opened.close()
 
 
+def keep(page, name):
+    """Keep a picture of the page, to be looked at; it is not blank."""
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    path = PICTURES / name
+    page.page.screenshot(path=path)
+    with Image.open(path) as picture:
+        assert picture.size == (1440, 900)
+        assert len(picture.convert("RGB").getcolors(2**21) or []) > 1000
+
+
 def file_of(pixels):
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, "PNG")
@@ -183,12 +193,14 @@ def test_it_fits_a_usual_screen_and_a_picture_is_kept(page):
     code = "() => [document.body.scrollWidth, document.body.scrollHeight]"
     width, height = page.page.evaluate(code)
     assert width <= 1440 and height <= 1000
-    PICTURES.mkdir(parents=True, exist_ok=True)
-    path = PICTURES / "explorer.png"
-    page.page.screenshot(path=path)
-    with Image.open(path) as picture:
-        assert picture.size == (1440, 900)
-        assert len(picture.convert("RGB").getcolors(2**21) or []) > 1000
+    keep(page, "explorer.png")
+
+
+def test_a_heading_has_room_above_the_picture(page):
+    heading = page.page.get_by_text("Texture", exact=True).first.bounding_box()
+    picture = page.page.locator(".texture_picture").bounding_box()
+    assert picture["x"] == heading["x"]
+    assert picture["y"] >= heading["y"] + heading["height"]
 
 
 def test_a_slider_moves_a_curve(page):
@@ -222,12 +234,26 @@ def test_an_upload_changes_the_texture(page):
         "texture", "image", lambda: page.choose("noise.png", file_of(random))
     )
     assert page.value("texture_choice") == "uploaded: noise.png"
-    page.page.get_by_text("The top left 512 x 512 px are shown.").wait_for()
+    page.page.get_by_text("noise.png: the top left 512 x 512 px are shown.").wait_for()
     light = luminance(random[:512, :512], encoding="sRGB")
     small = light.reshape(128, 4, 128, 4).mean(axis=(1, 3)) ** (1 / 2.2)
     found = after.astype(float).reshape(128, 128)[::-1] / 255
     np.testing.assert_allclose(found, small, rtol=0, atol=0.5 / 255 + 1e-9)
     assert not np.array_equal(page.column("curves", "velocity_quality"), shown)
+    assert page.wrong == []
+
+
+def test_a_picture_is_kept_of_a_page_in_use(page):
+    y, x = np.mgrid[:200, :300]
+    rings = (127.5 + 127.5 * np.cos(np.hypot(x - 150, y - 100) / 4)).astype(np.uint8)
+    moved = lambda: page.handle("velocity").press("PageUp")
+    page.changes("shares", "share", lambda: page.handle("budget").press("PageUp"))
+    page.changes("curves", "refresh_rate_quality", moved)
+    page.changes("texture", "image", lambda: page.choose("rings.png", file_of(rings)))
+    page.page.get_by_text("rings.png: the 300 x 200 px are shown, padded").wait_for()
+    assert page.value("texture_choice") == "uploaded: rings.png"
+    page.page.wait_for_function(READY)
+    keep(page, "explorer_used.png")
     assert page.wrong == []
 
 
@@ -318,6 +344,14 @@ def test_every_oracle_has_a_map(session, bench):
     assert len(set(notes)) == len(notes) and loss[0] == min(loss) < max(loss)
 
 
+def have_tables(session):
+    """What the page does as soon as the tables that it waits for have ended."""
+    future = session._awaited
+    future.exception(timeout=60)
+    session._have_tables(future)
+    session.refresh()
+
+
 def test_tables_are_distilled_once_and_then_shown(session, bench, monkeypatch):
     monkeypatch.setattr(bench, "_tables", None)
     calls = []
@@ -330,13 +364,79 @@ def test_tables_are_distilled_once_and_then_shown(session, bench, monkeypatch):
     monkeypatch.setattr(_frame_map, "distilled", distilled)
     for _ in range(2):
         session.controls.oracle.value = TABLES
-        bench.tables().result(timeout=60)
-        session._have_tables()
-        session.refresh()
+        have_tables(session)
         assert note(session).startswith("Chosen by tables for 60 px/deg")
         session.controls.oracle.value = "CaMoJAB"
         session.refresh()
     assert len(calls) == 1 and not any(":" in name for name in calls[0])
+
+
+def test_the_notice_stays_until_there_are_tables(session, bench, monkeypatch):
+    monkeypatch.setattr(bench, "_tables", None)
+    go_on = threading.Event()
+
+    def distilled(drawn, spectra, progress):
+        assert go_on.wait(60)
+        return UniformOracle()
+
+    monkeypatch.setattr(_frame_map, "distilled", distilled)
+    of = session.controls
+    of.oracle.value = "FidelityFX"
+    session.refresh()
+    of.oracle.value = TABLES
+    moves = ((of.oracle, TABLES), (of.velocity, 33.0), (of.budget, 60.0))
+    for control, value in (*moves, (of.mip_level, 2)):
+        control.value = value
+        session.refresh()
+        first, second, _ = note(session).split("\n")
+        assert first.startswith("Tables are being distilled")
+        assert second.startswith("Still chosen by FidelityFX: ")
+    go_on.set()
+    have_tables(session)
+    assert note(session).startswith("Chosen by tables for 60 px/deg")
+
+
+def test_another_choice_takes_the_notice_away(session, bench, monkeypatch):
+    monkeypatch.setattr(bench, "_tables", Future())
+    session.controls.oracle.value = TABLES
+    session.refresh()
+    awaited = session._awaited
+    session.controls.oracle.value = "uniform"
+    session.refresh()
+    assert note(session).startswith("Chosen by uniform: ")
+    # Nobody waits for them any more.
+    awaited.set_result(UniformOracle())
+    session._have_tables(awaited)
+    session.refresh()
+    assert note(session).startswith("Chosen by uniform: ")
+
+
+def test_tables_that_failed_are_a_sentence_and_tried_again(session, bench, monkeypatch):
+    monkeypatch.setattr(bench, "_tables", None)
+    errors = [MemoryError("Out of memory.\nTraceback"), MemoryError()]
+
+    def distilled(drawn, spectra, progress):
+        if errors:
+            raise errors.pop(0)
+        return UniformOracle()
+
+    monkeypatch.setattr(_frame_map, "distilled", distilled)
+    for reason in ("Out of memory.", "MemoryError"):
+        session.controls.oracle.value = TABLES
+        failed = session._awaited
+        have_tables(session)
+        assert session.controls.oracle.value == "CaMoJAB"
+        session.controls.velocity.value += 1.0
+        session.refresh()
+        first, second, _ = note(session).split("\n")
+        assert first == f"Tables could not be distilled: {reason}"
+        assert second.startswith("Still chosen by CaMoJAB: ")
+    session.controls.oracle.value = TABLES
+    # That the earlier ones ended is no news.
+    session._have_tables(failed)
+    have_tables(session)
+    assert note(session).startswith("Chosen by tables for 60 px/deg")
+    assert session.controls.oracle.value == TABLES
 
 
 def test_sliders_go_where_the_model_can_follow(session):

@@ -127,15 +127,47 @@ UPGRADE = {
 }
 
 
-def test_pages_of_other_origins_get_no_connection(bench, monkeypatch):
+EVIL = "evil.example"
+
+# A path, what is sent with it, where {} is the port, and what is answered.
+ASKED = {
+    "page": ("/metadata", {}, 200),
+    "by its other name": ("/metadata", {"Host": "localhost:{}"}, 200),
+    "part of a page": ("/static/js/bokeh.min.js", {}, 200),
+    "connection": ("/ws", {**UPGRADE, "Origin": "http://127.0.0.1:{}"}, 101),
+    "no page": ("/ws", UPGRADE, 101),
+    "other page": ("/ws", {**UPGRADE, "Origin": "http://example.org"}, 403),
+    "page of a file": ("/ws", {**UPGRADE, "Origin": "null"}, 403),
+    "other port": ("/ws", {**UPGRADE, "Origin": "http://127.0.0.1:1"}, 403),
+    "other scheme": ("/ws", {**UPGRADE, "Origin": "https://127.0.0.1:{}"}, 403),
+    # A name of somebody else's that leads to this machine.
+    "other name": (
+        "/ws",
+        {**UPGRADE, "Host": EVIL + ":{}", "Origin": f"http://{EVIL}:{{}}"},
+        403,
+    ),
+    "page by another name": ("/", {"Host": EVIL + ":{}"}, 403),
+    "data by another name": ("/metadata", {"Host": EVIL + ":{}"}, 403),
+    "part by another name": ("/static/js/bokeh.min.js", {"Host": EVIL}, 403),
+    "name without a port": ("/metadata", {"Host": "localhost"}, 403),
+    "data for another page": ("/metadata", {"Origin": f"http://{EVIL}"}, 403),
+}
+
+
+@pytest.mark.parametrize("environment", [{}, {"BOKEH_ALLOW_WS_ORIGIN": "*"}])
+def test_pages_of_other_origins_get_no_connection(bench, monkeypatch, environment):
+    for variable, value in environment.items():
+        monkeypatch.setenv(variable, value)
     found, show = {}, _serve.show
 
     async def asked(bench, listening, ready):
+        port = listening.getsockname()[1]
+
         def then(address):
             def ask():
-                for origin in ("http://example.org", "null"):
-                    sent = {**UPGRADE, "Origin": origin}
-                    found[origin] = status(address, "/ws", **sent)
+                for name, (path, headers, _) in ASKED.items():
+                    sent = {key: text.format(port) for key, text in headers.items()}
+                    found[name] = status(address, path, **sent)
                 os.kill(os.getpid(), signal.SIGINT)
 
             threading.Thread(target=ask).start()
@@ -145,4 +177,4 @@ def test_pages_of_other_origins_get_no_connection(bench, monkeypatch):
     monkeypatch.setattr(_serve, "show", asked)
     with pytest.raises(KeyboardInterrupt):
         explore.serve(port=0)
-    assert found == {"http://example.org": 403, "null": 403}
+    assert found == {name: answer for name, (*_, answer) in ASKED.items()}

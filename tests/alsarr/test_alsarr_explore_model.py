@@ -9,6 +9,7 @@ import pytest
 from alsarr import mean_velocity, RATES
 from alsarr.explore import _chain, _curves, _frame_map, _library
 from alsarr.explore._conditions import Conditions
+from alsarr.oracle import Denes2020Oracle
 from alsarr.solve import lagrangian
 from camojab import (
     Components,
@@ -216,7 +217,23 @@ def test_an_oracle_judges_for_the_display_of_the_sliders(drawn, spectra):
     np.testing.assert_allclose(found[tile], (x + y) / 2, rtol=0, atol=0.005)
 
 
-@pytest.mark.parametrize("name", ["CaMoJAB", "FidelityFX", "uniform"])
+MARRR = "MARRR (Denes et al. 2020)"
+
+
+@pytest.mark.parametrize("at", PLACES)
+def test_marrr_judges_for_the_display_of_the_sliders(drawn, at):
+    at = at._replace(ppd=45.0)
+    shown = _frame_map.adapted(drawn.frame, at)
+    found = np.asarray(_frame_map.qualities(drawn.oracles[MARRR], shown, at))
+    oracle = Denes2020Oracle(ppd=45.0, persistence=at.persistence)
+    expected = np.asarray(oracle.quality(shown, at.refresh_rate))
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5)
+    # Of every rate its own, whatever the tile shows.
+    assert found.shape == (920, 7) and np.ptp(found, axis=0).max() == 0
+    assert np.ptp(found[0]) > 0
+
+
+@pytest.mark.parametrize("name", ["CaMoJAB", "FidelityFX", MARRR, "uniform"])
 @pytest.mark.parametrize("budget", [0.0625, 0.3, 1.0])
 def test_rates_are_the_best_within_the_budget(drawn, name, budget):
     at = PLACES[0]

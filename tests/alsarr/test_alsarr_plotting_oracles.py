@@ -69,6 +69,16 @@ def test_a_sheet_has_three_panels_of_each_oracle(count, columns):
     assert ("", "FLIP [1]") in labels(figure)
 
 
+def test_an_error_without_a_unit_is_a_pure_number():
+    pixels = np.zeros((16, 16))
+    picture = np.zeros((16, 16, 3), np.uint8)
+    one = {"a": np.full((1, 1), RATES.names.index("1x1"))}
+    figure = drawn(oracle_sheet(one, {"a": picture}, {"a": pixels}, label="FLIP"))
+    assert ("", "FLIP [1]") in labels(figure)
+    titles = [axis.get_title() for axis in figure.axes if axis.get_title()]
+    assert titles == ["a\nFLIP 0.0000, cost 100.0%"]
+
+
 def test_errors_of_a_sheet_have_one_scale():
     figure, _, _, errors = sheet(3)
     scales = {
