@@ -31,9 +31,10 @@ def quality(
     components: Components | None = None,
     fidelity: AbstractFidelity | None = None,
 ) -> Float[Array, "..."]:
-    """Quality of a moving texture, 0 where nothing is lost. [JND].
+    """Quality of a moving texture, 0 where as much is seen as the texture has. [JND].
 
-    One JND apart, 75 % of people prefer the better of two conditions.
+    One JND apart, 75 % of people prefer the better of two conditions. What aliases add
+    counts as seen, so that the released formulation can give more than 0.
 
     **Arguments:** as `distortion`; `ws` and `wt` of `parameters` weigh its two parts.
 

@@ -1,7 +1,7 @@
 """Execute notebooks from top to bottom and store what they print and draw.
 
 Without arguments every notebook beside this file. What is stored is of the built-in
-data, and nothing of it is of the machine or of the hour.
+data; of the machine there is nothing in it but how fast that was, in the last notebook.
 """
 
 import os

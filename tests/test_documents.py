@@ -12,6 +12,15 @@ import typer
 
 import alsarr.cli
 import camojab.cli
+from camojab import (
+    Components,
+    datasets,
+    Display,
+    Formulation,
+    quality,
+    Spectrum,
+    Viewing,
+)
 
 
 ROOT = Path(__file__).parents[1]
@@ -49,7 +58,15 @@ def test_document_runs(name, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("name", DOCUMENTS)
+PAGES = [
+    "README.md",
+    "CHANGELOG.md",
+    *(f"data/{path.name}" for path in sorted((ROOT / "data").glob("*.md"))),
+    *(f"notebooks/{path.name}" for path in sorted((ROOT / "notebooks").glob("*.md"))),
+]
+
+
+@pytest.mark.parametrize("name", PAGES)
 def test_links_lead_somewhere(name):
     page = ROOT / name
     links = re.findall(r"\]\(([^)#]+)(#[^)]*)?\)", page.read_text())
@@ -84,3 +101,28 @@ def test_commands_have_the_options_that_pages_say(name):
         known = {option for p in command.params for option in p.opts}
         used = {word for word in words if word.startswith("-")}
         assert used <= known
+
+
+def test_what_the_page_says_of_0_jnd_is_so():
+    page = (ROOT / "notebooks" / "differences.md").read_text()
+    rows = re.findall(
+        r"\| (\w+), (\S+) \| (\S+) JND \| (\S+) JND \| (\S+) JND \|", page
+    )
+    assert len(rows) == 4
+    textures = datasets.builtin_textures()
+    for name, persistence, *expected in rows:
+        spectrum = Spectrum.from_texture(textures[name])
+        display = Display(
+            ppd=60, refresh_rate=60, luminance=100, persistence=float(persistence)
+        )
+        found = [
+            quality(spectrum, display, Viewing(0.0), **options)
+            for options in (
+                {"components": Components(vrs=False)},
+                {"formulation": Formulation.RELEASED},
+                {"formulation": Formulation.PAPER},
+            )
+        ]
+        assert [f"{float(each):.2f}" for each in found] == [
+            text.lstrip("+") for text in expected
+        ]
