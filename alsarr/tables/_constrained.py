@@ -264,7 +264,7 @@ def fit_constrained_product(
         moments = jnp.einsum("nij,rn->rij", pairs, of_table, precision=_EXACT)
         problem = _Problem(gram, moments, jnp.sum(of_table**2))
         a, b = _alternate(problem, grids, ordered.differences, margin)
-        return _raised_product(a, b, grids, ordered, margin)
+        return _raised_product(a, b, problem, grids, ordered, margin)
 
     a, b = jax.lax.map(fit, target.reshape(-1, rates, n))
     return a.reshape(*tables, rates, -1), b.reshape(*tables, rates, -1)
@@ -285,6 +285,14 @@ class _Problem(NamedTuple):
     gram: Float[Array, "d e d e"]
     moments: Float[Array, "rates d e"]
     square: Float[Array, ""]
+
+    def apart(
+        self, rate: int, a: Float[Array, " d"], b: Float[Array, " e"]
+    ) -> Float[Array, ""]:
+        """The sum of squares of one rate, but for what its target adds to any."""
+        both = a[:, None] * b[None, :]
+        fitted = jnp.einsum("ij,ijkl,kl->", both, self.gram, both, precision=_EXACT)
+        return fitted - 2 * jnp.sum(self.moments[rate] * both)
 
 
 class _Active(NamedTuple):
@@ -488,14 +496,16 @@ def _longer(
 def _raised_product(
     a: Float[Array, "rates d"],
     b: Float[Array, "rates e"],
+    problem: _Problem,
     grids: _Grids,
     order: _Order,
     margin: float,
 ) -> tuple[Float[Array, "rates d"], Float[Array, "rates e"]]:
     """Every rate's first factor raised by what it lacks, the worse rates first.
 
-    A rate whose second factor is somewhere not > 0 becomes one number if it lacks
-    anything.
+    A rate becomes one number, the least that its bounds allow, if its second factor is
+    somewhere not > 0 and it lacks anything, or if that is nearer to its target: where
+    all of a rate sits on its bound, single precision may stop far from there.
     """
     found: dict[int, tuple[Array, Array]] = {}
     value = {-1: jnp.zeros(grids.motion.shape[0], a.dtype)}
@@ -508,9 +518,13 @@ def _raised_product(
             lacks = lowest - at(first, grids.motion) * light
             usable = jnp.min(light) > _USABLE
             by = jnp.maximum(jnp.max(lacks / jnp.where(usable, light, 1)), 0)
-            alone = ~usable & jnp.any(lacks > 0)
             raised = first + jnp.where(usable, by, 0) * grids.one_motion
-            first = jnp.where(alone, jnp.max(lowest) * grids.one_motion, raised)
+            flat = jnp.max(lowest) * grids.one_motion
+            nearer = problem.apart(k, flat, grids.one_light) < problem.apart(
+                k, raised, second
+            )
+            alone = nearer | (~usable & jnp.any(lacks > 0))
+            first = jnp.where(alone, flat, raised)
             second = jnp.where(alone, grids.one_light, second)
         product = at(first, grids.motion) * at(second, grids.light)
         found[k], value[k] = (first, second), product
