@@ -2,7 +2,9 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -34,8 +36,9 @@ class OnnxNetwork:
     """A network whose calls are onnxruntime's, with the same results.
 
     It has the weights that the network had when it was made. Under jit the pictures
-    leave the compiled program and come back; on a CPU nothing is copied on the way. No
-    gradient goes through it, and vmap makes one batch of its pictures.
+    leave the compiled program and come back, which copies them; outside of it, on a
+    CPU, nothing is copied. No gradient goes through it, and vmap makes one batch of its
+    pictures.
 
     **Arguments:**
 
@@ -60,7 +63,16 @@ class OnnxNetwork:
         self, x: Float[Array, "channels height width"]
     ) -> Float[Array, "outputs rows columns"]:
         """As a call of the network."""
-        prepared = self.network.prepared(x).astype(jnp.float32)
+        return self.of_prepared(_prepared(self.network, x))
+
+    def of_prepared(
+        self, prepared: Float[Array, "channels high wide"]
+    ) -> Float[Array, "outputs rows columns"]:
+        """The same of what the network's `prepared` has made of the inputs."""
+        prepared = prepared.astype(jnp.float32)
+        # A callback hands its pictures over by copying them.
+        if not isinstance(prepared, jax.core.Tracer):
+            return jnp.asarray(self._run(prepared))
         region = self.network.region
         rows, columns = (n // region for n in prepared.shape[1:])
         shape = (len(self.network.outputs), rows, columns)
@@ -78,3 +90,10 @@ class OnnxNetwork:
         batch = pictures.reshape(-1, *pictures.shape[-3:])
         (metric,) = self._session.run(None, {INPUT: batch})
         return metric.reshape(*pictures.shape[:-3], *metric.shape[1:])
+
+
+@eqx.filter_jit
+def _prepared(
+    network: MetricNetwork, x: Float[Array, "channels height width"]
+) -> Float[Array, "channels high wide"]:
+    return network.prepared(x)

@@ -79,7 +79,12 @@ class CnnOracle(AbstractQualityOracle, strict=True):
         """
         # Used, or the check would be dropped under a transformation.
         zero = 0 * checked_refresh_rate(refresh_rate)
-        return _quality(self, _inputs(frame, self.network), zero)
+        inputs = _inputs(frame, self.network)
+        if self.other is None:
+            return _quality(self, inputs, zero)
+        # Not one program: it would copy the pictures on their way out of it.
+        y = self.other.of_prepared(_prepared(self.network, inputs))
+        return _of_transformed(self, y, zero)
 
     def count_outside(self, frame: Frame, refresh_rate: ArrayLike) -> Int[Array, ""]:
         """See `AbstractQualityOracle.count_outside`: a network judges everything."""
@@ -110,13 +115,33 @@ def _quality(
     inputs: tuple[Float[Array, "height width"], ...],
     zero: Float[Array, ""],
 ) -> Float[Array, "tiles 7"]:
+    return _of_transformed(oracle, infer(oracle.network, _stacked(inputs)), zero)
+
+
+@eqx.filter_jit
+def _prepared(
+    network: MetricNetwork, inputs: tuple[Float[Array, "height width"], ...]
+) -> Float[Array, "channels high wide"]:
+    return network.prepared(_stacked(inputs))
+
+
+@eqx.filter_jit
+def _of_transformed(
+    oracle: CnnOracle,
+    y: Float[Array, "outputs rows columns"],
+    zero: Float[Array, ""],
+) -> Float[Array, "tiles 7"]:
     network = oracle.network
-    x = jnp.stack([channel.astype(jnp.float32) for channel in inputs])
-    y = infer(network, x) if oracle.other is None else oracle.other(x)
     metric = in_own_unit(network, y, oracle.safe)
     errors = extrapolate(as_error(metric, network.metric), network.outputs)
     largest = _of_tiles(errors, TILE // network.region)
     return zero - largest.reshape(len(RATES), -1).T.astype(zero.dtype)
+
+
+def _stacked(
+    inputs: tuple[Float[Array, "height width"], ...],
+) -> Float[Array, "channels height width"]:
+    return jnp.stack([channel.astype(jnp.float32) for channel in inputs])
 
 
 def _of_tiles(
