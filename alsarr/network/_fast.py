@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ._convolution import convolved, per_channel
-from ._model import ConvolutionBlock, in_own_unit as in_own_unit, MetricNetwork
+from ._model import ConvolutionBlock, MetricNetwork
 
 
 # Rows that the two layers at full resolution do at once: their intermediate results,

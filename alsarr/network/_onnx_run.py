@@ -11,8 +11,7 @@ from jaxtyping import Array, Float
 
 from camojab._extras import needed
 
-from ._fast import in_own_unit
-from ._model import MetricNetwork
+from ._model import in_own_unit, MetricNetwork
 from ._onnx_export import INPUT, onnx_bytes
 
 

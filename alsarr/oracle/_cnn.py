@@ -8,8 +8,8 @@ from .._frame import Frame
 from .._rates import RATES, TILE
 from ..network._choose import choose_mode
 from ..network._extrapolate import as_error, extrapolate
-from ..network._fast import in_own_unit, infer
-from ..network._model import MetricNetwork
+from ..network._fast import infer
+from ..network._model import in_own_unit, MetricNetwork
 from ..network._onnx_run import OnnxNetwork
 from ._base import AbstractQualityOracle
 from ._checks import checked_refresh_rate

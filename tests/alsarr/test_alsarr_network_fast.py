@@ -8,7 +8,8 @@ import pytest
 
 from alsarr.network import ClampedTransform, initial_network
 from alsarr.network._convolution import convolved
-from alsarr.network._fast import in_own_unit, infer
+from alsarr.network._fast import infer
+from alsarr.network._model import in_own_unit
 
 
 CHANNELS = ("reprojected_red", "diffuse_red", "roughness", "seen")
